@@ -1,0 +1,1 @@
+"""Is this machine fit, and if not, which line mends it."""

@@ -1,0 +1,1 @@
+"""Poses, interpolation, cameras and seeds."""

@@ -1,0 +1,1 @@
+"""Plug-ins: the hooks, what they yield, and the manager that finds them."""

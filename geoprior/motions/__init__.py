@@ -1,0 +1,1 @@
+"""Built-in motions of the hand, one plug-in module each."""

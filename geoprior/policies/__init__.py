@@ -1,0 +1,1 @@
+"""What learns: the policy protocol, normalisation, checkpoints, and ACT."""

@@ -1,0 +1,86 @@
+"""What the trainer and the rollouts know of a policy: this and no more."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol, TypedDict
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    import numpy as np
+    from numpy.typing import NDArray
+    from torch import Tensor, nn
+
+
+@dataclass(frozen=True)
+class Features:
+    """What a policy sees and says.
+
+    Attributes:
+        cameras: Names in alphabetical order: the order never depends on a config's.
+        image_size: (height, width) of every camera, in pixels.
+        pose_size: Length of the pose and of one action, 8 for each hand.
+        chunk: Actions that one prediction holds.
+    """
+
+    cameras: tuple[str, ...]
+    image_size: tuple[int, int]
+    pose_size: int
+    chunk: int
+
+
+class Observation(TypedDict):
+    """One batch of observations, normalised."""
+
+    pose: Tensor
+    """(B, pose_size)"""
+    images: Tensor
+    """(B, cameras, 3, H, W), cameras as in `Features`"""
+
+
+class Batch(Observation):
+    """One batch of training samples, normalised."""
+
+    action: Tensor
+    """(B, chunk, pose_size)"""
+    valid: Tensor
+    """(B, chunk) bool: false where the episode has ended and the action is padding"""
+
+
+class Policy(Protocol):
+    """A `torch.nn.Module` that learns action chunks. Inputs and outputs are normalised."""
+
+    def loss(self, batch: Batch) -> tuple[Tensor, Mapping[str, Tensor]]:
+        """The scalar to minimise, and detached scalars to log (``l1`` among them)."""
+        ...
+
+    def predict(self, observation: Observation) -> Tensor:
+        """(B, chunk, pose_size) actions, without gradients or randomness."""
+        ...
+
+    def backbone_parameters(self) -> Iterator[tuple[str, nn.Parameter]]:
+        """The visual trunk's named parameters, for its own learning rate and for partial transfer."""
+        ...
+
+
+class Predictor(Protocol):
+    """A trained policy with its normalisation: raw observations in, raw action chunks out."""
+
+    features: Features
+    fps: float
+
+    def predict(
+        self, pose: NDArray[np.float32], images: Mapping[str, NDArray[np.uint8]]
+    ) -> NDArray[np.float32]:
+        """Predict one chunk for each of B observations.
+
+        Args:
+            pose: (B, pose_size), the episode contract's pose vectors.
+            images: Per camera (B, H, W, 3) RGB or (B, H, W) binary frames.
+
+        Returns:
+            (B, chunk, pose_size) pose commands at the policy's rate ``fps``, quaternions of unit length,
+            gripper 0 or 1.
+        """
+        ...

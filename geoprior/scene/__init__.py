@@ -1,0 +1,1 @@
+"""The synthetic scene: floor, object, hand and marker."""

@@ -1,0 +1,1 @@
+"""Episodes on disk: the contract, the writer, the reader."""

@@ -1,0 +1,1 @@
+"""Robosuite arms, tasks, demonstrations and rollouts."""

@@ -1,0 +1,1 @@
+"""Built-in arms, one plug-in module each."""
