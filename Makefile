@@ -1,3 +1,52 @@
-.PHONY: lint
-lint:
-	.venv/bin/ruff format --check . && .venv/bin/ruff check . && .venv/bin/mypy && .venv/bin/lint-imports
+# Each target makes its own virtual environment and installs what it needs.
+PYTHON ?= python3
+VENV ?= .venv
+OUT ?= runs/quickstart
+BIN := $(VENV)/bin
+
+.DEFAULT_GOAL := help
+.PHONY: help run test test-slow lint format bench clean
+
+help:  ## Show this list
+	@awk -F':.*## ' '/^[a-z-]+:.*## / {printf "make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+run: $(VENV)/.installed  ## Run the quickstart: from generated scenes to runs/quickstart/report/index.html
+	$(BIN)/geoprior run --out $(OUT)
+
+test: $(VENV)/.installed-dev  ## Check style, types and layers, and run the fast tests
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+	$(BIN)/python -m pytest
+
+test-slow: $(VENV)/.installed-dev  ## Run the tests that take minutes
+	$(BIN)/python -m pytest -m slow
+
+lint: $(VENV)/.installed-dev  ## Check style, types and layers
+	$(BIN)/ruff format --check . && $(BIN)/ruff check . && $(BIN)/mypy && $(BIN)/lint-imports
+
+format: $(VENV)/.installed-dev  ## Mend what ruff can mend
+	$(BIN)/ruff format . && $(BIN)/ruff check --fix .
+
+bench: $(VENV)/.installed-dev  ## Measure what docs/benchmarks.md reports
+	$(BIN)/python benchmarks/quickstart.py --json benchmarks/results/quickstart.json --keep $(OUT)
+
+clean:  ## Remove the virtual environment and caches, not the runs
+	rm -rf $(VENV) build .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache *.egg-info
+
+$(VENV)/bin/pip:
+	@command -v $(PYTHON) >/dev/null || { echo "missing: $(PYTHON)"; \
+	  echo "    sudo apt-get install -y python3 python3-venv python3-dev"; exit 5; }
+	@$(PYTHON) geoprior/doctor/preflight.py
+	$(PYTHON) -m venv $(VENV)
+
+# robosuite pulls opencv-python, which needs libGL and a desktop's libraries; the headless one is laid over it.
+$(VENV)/.installed: pyproject.toml constraints.txt | $(VENV)/bin/pip
+	$(BIN)/pip install --quiet --constraint constraints.txt --editable .
+	$(BIN)/pip install --quiet --constraint constraints.txt --force-reinstall --no-deps opencv-python-headless
+	touch $@
+
+$(VENV)/.installed-dev: pyproject.toml constraints.txt | $(VENV)/.installed
+	$(BIN)/pip install --quiet --constraint constraints.txt --editable '.[dev]'
+	touch $@
