@@ -42,8 +42,8 @@ BUILTIN_PACKAGES = (
     "geoprior.scene.primitives",
     "geoprior.motions",
     "geoprior.render",
-    "geoprior.policies",
-    "geoprior.training",
+    "geoprior.policies.act",
+    "geoprior.training.loggers",
     "geoprior.sim.robots",
     "geoprior.sim.tasks",
     "geoprior.executors",
@@ -184,6 +184,11 @@ class Plugins:
         raise ConfigError(
             f"unknown {kind} {name!r}", f"{hint}choices: {', '.join(choices) or 'none are registered'}"
         )
+
+    def plugin_of(self, kind: str, name: str) -> Plugin:
+        """The plug-in that registered a name; see `spec` for unknown ones."""
+        self.spec(kind, name)
+        return self._registry[kind, name].plugin
 
     def options(self, kind: str, choice: Choice) -> BaseModel:
         """Check a choice's options against its plug-in's model.

@@ -17,8 +17,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from pydantic import BaseModel
 
+    from geoprior.geometry.projection import View
     from geoprior.motions.trajectory import Trajectory
     from geoprior.policies.policy import Policy
+    from geoprior.render.clouds import Cloud
     from geoprior.scene.mesh import Mesh
     from geoprior.scene.scene import Scene
     from geoprior.sim.robots.robot import Robot
@@ -69,20 +71,13 @@ class Motion(Protocol):
 class Renderer(Protocol):
     """Turns points into the frames of one camera."""
 
-    def render(
-        self,
-        points: FloatArray,
-        transforms_world_to_camera: FloatArray,
-        intrinsics: FloatArray,
-        image_size: tuple[int, int],
-    ) -> NDArray[np.uint8]:
-        """Draw world points, (P, 3) fixed or (N, P, 3) moving, for N camera poses.
+    def render(self, clouds: Sequence[Cloud], view: View, steps: int) -> NDArray[np.uint8]:
+        """Draw the frames of one camera.
 
         Args:
-            points: Metres, world frame.
-            transforms_world_to_camera: (N, 4, 4); the camera looks along its +z, +x right, +y down.
-            intrinsics: (3, 3) pinhole matrix in pixels.
-            image_size: (height, width) in pixels.
+            clouds: Groups of points, each at rest or moving as one.
+            view: The camera, fixed or moving.
+            steps: N, the number of frames; what moves has as many transforms.
 
         Returns:
             (N, height, width) uint8 frames, 0 or 255.

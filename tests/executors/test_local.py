@@ -1,0 +1,56 @@
+import multiprocessing
+import os
+import signal
+import time
+
+import pytest
+
+from geoprior.errors import DataError, MachineError
+from geoprior.executors.local import LocalConfig, LocalExecutor, SerialExecutor
+
+
+def square(number):
+    return number * number
+
+
+def fail_at_three(number):
+    if number == 3:
+        raise DataError("three is damaged", "take four")
+    return number
+
+
+def die_at_three(number):
+    if number == 3:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number
+
+
+@pytest.mark.parametrize("executor", [SerialExecutor(), LocalExecutor(LocalConfig(workers=2))])
+def test_every_item_comes_back_once_with_its_position(executor):
+    items = [5, 1, 4, 2]
+    assert dict(executor.run(square, items)) == {0: 25, 1: 1, 2: 16, 3: 4}
+
+
+@pytest.mark.parametrize("executor", [SerialExecutor(), LocalExecutor(LocalConfig(workers=2))])
+def test_no_items_no_work(executor):
+    assert list(executor.run(square, [])) == []
+
+
+def test_an_error_of_a_worker_comes_back_with_its_hint():
+    with pytest.raises(DataError, match="three is damaged") as caught:
+        list(LocalExecutor(LocalConfig(workers=2)).run(fail_at_three, list(range(6))))
+    assert caught.value.hint == "take four"
+
+
+def test_a_killed_worker_is_said_and_nothing_hangs():
+    began = time.monotonic()
+    with pytest.raises(MachineError, match="worker process died"):
+        list(LocalExecutor(LocalConfig(workers=2)).run(die_at_three, list(range(6))))
+    assert time.monotonic() - began < 60
+
+
+def test_stopping_early_leaves_no_workers():
+    results = LocalExecutor(LocalConfig(workers=2)).run(square, list(range(50)))
+    next(results)
+    results.close()
+    assert multiprocessing.active_children() == []
