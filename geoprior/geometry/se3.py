@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -77,10 +77,10 @@ def continuous_quaternions(
     """
     previous = np.vstack([reference, quaternions[:-1]])
     flips = np.where(np.sum(quaternions * previous, axis=1) < 0.0, -1.0, 1.0)
-    return quaternions * np.cumprod(flips)[:, None]
+    return np.asarray(quaternions * np.cumprod(flips)[:, None])
 
 
-def transforms_of_poses(poses: NDArray[np.floating]) -> FloatArray:
+def transforms_of_poses(poses: NDArray[np.floating[Any]]) -> FloatArray:
     """Transforms hand to workspace (..., 4, 4) of pose vectors (..., 8); quaternions are normalised."""
     flat = np.asarray(poses, dtype=np.float64).reshape(-1, poses.shape[-1])
     rotation = Rotation.from_quat(flat[:, 3:7]).as_matrix()

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
+
+    FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -17,7 +21,80 @@ class Mesh:
     Attributes:
         vertices: (V, 3) float64, metres, object frame.
         faces: (F, 3) int64, counter-clockwise seen from outside.
+        parameters: What the primitive drew, for the episode's header: names and numbers.
     """
 
-    vertices: NDArray[np.float64]
+    vertices: FloatArray
     faces: NDArray[np.int64]
+    parameters: Mapping[str, float] = field(default_factory=dict)
+
+
+def convex_mesh(vertices: FloatArray) -> Mesh:
+    """The convex hull of points as a mesh with outward faces (Qhull, by way of SciPy).
+
+    Args:
+        vertices: (V, 3) points, not all in one plane; those inside the hull are dropped.
+
+    Raises:
+        scipy.spatial.QhullError: The points span no volume.
+    """
+    from scipy.spatial import ConvexHull
+
+    hull = ConvexHull(vertices)
+    faces = hull.simplices.astype(np.int64)
+    a, b, c = (vertices[faces[:, corner]] for corner in range(3))
+    inward = np.sum(np.cross(b - a, c - a) * hull.equations[:, :3], axis=1) < 0.0
+    faces[inward] = faces[inward][:, ::-1]
+    used, renumbered = np.unique(faces, return_inverse=True)
+    return Mesh(np.asarray(vertices, dtype=np.float64)[used], renumbered.reshape(faces.shape))
+
+
+def bounds(mesh: Mesh) -> tuple[FloatArray, FloatArray]:
+    """The lowest and the highest corner, (3,) each, of the axis-aligned box in the mesh's own frame."""
+    return mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+
+
+def extents(mesh: Mesh) -> FloatArray:
+    """(3,) edge lengths of the box of `bounds`, metres."""
+    low, high = bounds(mesh)
+    return high - low
+
+
+def centred(mesh: Mesh) -> Mesh:
+    """The mesh moved so that the middle of its bounding box is the origin."""
+    low, high = bounds(mesh)
+    return replace(mesh, vertices=mesh.vertices - 0.5 * (low + high))
+
+
+def scaled(mesh: Mesh, factors: FloatArray) -> Mesh:
+    """The mesh stretched by three positive factors along its axes."""
+    return replace(mesh, vertices=mesh.vertices * factors)
+
+
+def face_areas(mesh: Mesh) -> FloatArray:
+    """(F,) area of each triangle, square metres."""
+    a, b, c = (mesh.vertices[mesh.faces[:, corner]] for corner in range(3))
+    return np.asarray(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1))
+
+
+def sample_surface(mesh: Mesh, count: int, rng: np.random.Generator) -> FloatArray:
+    """Points on the surface, uniform by area.
+
+    The surface is cut into ``count`` strips of equal area and each gives one point, which spreads the
+    points more evenly than independent draws and leaves their mean density uniform.
+
+    Returns:
+        (count, 3) in the mesh's frame.
+    """
+    cumulative = np.cumsum(face_areas(mesh))
+    strips = (np.arange(count) + rng.random(count)) * (cumulative[-1] / count)
+    chosen = mesh.faces[np.minimum(np.searchsorted(cumulative, strips, side="right"), len(cumulative) - 1)]
+    # sqrt makes (1 - s, s (1 - r), s r) uniform on the triangle (Osada et al., 2002).
+    s, r = np.sqrt(rng.random(count))[:, None], rng.random(count)[:, None]
+    a, b, c = (mesh.vertices[chosen[:, corner]] for corner in range(3))
+    return np.asarray((1.0 - s) * a + s * (1.0 - r) * b + s * r * c)
+
+
+def points_for_density(mesh: Mesh, density: float) -> int:
+    """How many points give ``density`` points a square metre; at least 32, so that none is invisible."""
+    return max(32, round(float(face_areas(mesh).sum()) * density))

@@ -1,0 +1,43 @@
+"""How the phases of a motion share its steps."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from geoprior.errors import ConfigError
+from geoprior.options import Options
+
+
+class PhaseOptions(Options):
+    """Options of a motion in two phases."""
+
+    approach: float = Field(
+        0.5, gt=0.0, lt=1.0, description="Share of the steps until the hand is at the object."
+    )
+
+
+def ramp(count: int) -> NDArray[np.float64]:
+    """(count,) times from 0 to 1, both among them; a single time is 1."""
+    return np.linspace(0.0, 1.0, count) if count > 1 else np.ones(count)
+
+
+def ramp_after(count: int) -> NDArray[np.float64]:
+    """(count,) times from just after 0 to 1: of a phase that goes on from where another ended."""
+    return np.linspace(0.0, 1.0, count + 1)[1:]
+
+
+def approach_steps(motion: str, steps: int, share: float, reserved: int) -> int:
+    """Steps of the first phase: its share of ``steps``, two at least, with ``reserved`` and one move left.
+
+    Raises:
+        ConfigError: There are too few steps.
+    """
+    most = steps - reserved - 1
+    if most < 2:
+        raise ConfigError(
+            f"motion {motion!r}: {steps} steps are too few, it needs {reserved + 3}",
+            "raise generate.fps or generate.seconds, or lower the motion's hold steps",
+        )
+    return min(max(2, round(share * steps)), most)

@@ -1,0 +1,106 @@
+"""Push: the hand goes behind the object and shoves it along the floor to the marker."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from pydantic import Field
+
+from geoprior import MotionSpec, hookimpl
+from geoprior.geometry.interpolate import lerp, slerp
+from geoprior.geometry.se3 import make_transform
+from geoprior.motions._timing import PhaseOptions, approach_steps, ramp, ramp_after
+from geoprior.motions.trajectory import Trajectory
+from geoprior.scene.marker import draw_goal, marker_points
+from geoprior.scene.objects import WORLD_UP
+from geoprior.scene.ranges import LengthRange, uniform
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from geoprior.scene.scene import Scene
+
+    FloatArray = NDArray[np.float64]
+
+_NO_PUSH = 1e-9
+"""Metres: a shorter push has no direction of its own."""
+
+
+class PushConfig(PhaseOptions):
+    """Options of `push`."""
+
+    gap: LengthRange = Field(
+        (0.002, 0.01), description="Between the front of the hand cube and the object, metres."
+    )
+
+
+@dataclass(frozen=True)
+class Push:
+    """See `geoprior.hooks.types.Motion`. The gripper stays open."""
+
+    config: PushConfig
+
+    def plan(self, scene: Scene, steps: int, rng: np.random.Generator) -> Trajectory:
+        """Plan approach and push.
+
+        Raises:
+            ConfigError: ``steps`` are too few, or there is no room for the marker.
+        """
+        moving = approach_steps("push", steps, self.config.approach, 0)
+        goal = draw_goal(scene, np.eye(3), rng)
+        centre, start = scene.object.centre, scene.hand.transform_hand_to_world
+        direction = push_direction(centre, goal[:3, 3])
+        distance = support(scene.object.vertices - centre, -direction) + uniform(rng, self.config.gap)
+        rotation = push_rotation(direction)
+        behind = centre - distance * direction
+        times = ramp(moving)
+        way = make_transform(slerp(start[:3, :3], rotation, times), lerp(start[:3, 3], behind, times))
+        shifts: FloatArray = ramp_after(steps - moving)[:, None] * (goal[:3, 3] - centre)
+        pushed = np.repeat(scene.object.transform_object_to_world[None], steps, axis=0)
+        pushed[moving:, :3, 3] += shifts
+        return Trajectory(
+            transforms_hand_to_world=np.concatenate([way, make_transform(rotation, behind + shifts)]),
+            gripper=np.zeros(steps),
+            transforms_object_to_world=pushed,
+            marker_points=marker_points(scene, goal, rng),
+            phases=("approach",) * moving + ("push",) * (steps - moving),
+        )
+
+
+def push_direction(centre: FloatArray, goal: FloatArray) -> FloatArray:
+    """v_push: the horizontal direction from the object's centre to the marker's, as a unit vector.
+
+    The paper's equation leaves the projection's length as it is, which would make d v_push depend on how
+    far the push goes; d is a distance here. A push of no distance has +x for its direction.
+    """
+    across = np.array([goal[0] - centre[0], goal[1] - centre[1], 0.0])
+    length = float(np.linalg.norm(across))
+    return across / length if length > _NO_PUSH else np.array([1.0, 0.0, 0.0])
+
+
+def push_rotation(direction: FloatArray) -> FloatArray:
+    """R_start = [u_world x v_push, u_world, v_push], (3, 3)."""
+    return np.column_stack([np.cross(WORLD_UP, direction), WORLD_UP, direction])
+
+
+def support(points: FloatArray, direction: FloatArray) -> float:
+    """How far points (P, 3) reach along a unit direction, metres.
+
+    The hand's origin lies on the front face of its cube, and that face is across the direction of the
+    push: at this distance and beyond a plane parts the cube from the object.
+    """
+    return float(np.max(points @ direction))
+
+
+@hookimpl
+def geoprior_motions() -> Iterable[MotionSpec]:
+    """One motion."""
+    yield MotionSpec(
+        name="push",
+        summary="go behind the object and push it along the floor to the marker",
+        config=PushConfig,
+        factory=Push,
+    )

@@ -1,0 +1,87 @@
+"""The paper's renderer: points projected onto black frames, each a small white square.
+
+"Visible" means: before the camera and inside the frame. A point has no size and hides nothing, so the far
+side of an object shows through its near side, and the floor through both. The frames are sparse and binary,
+0 or 255.
+
+A point at pixel coordinates (u, v), pixel centres at whole numbers, covers ``footprint`` columns from
+``floor(u + 1 - footprint / 2)`` on, and rows likewise: the square of whole pixels whose middle is nearest.
+What reaches over the frame's edge is cut off.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from pydantic import Field
+
+from geoprior import RendererSpec, hookimpl
+from geoprior.options import Options
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from geoprior.geometry.projection import View
+    from geoprior.render.clouds import Cloud
+
+
+class PointsConfig(Options):
+    """Options of the point renderer."""
+
+    footprint: int = Field(2, ge=1, le=16, description="Side of the square that a point covers, pixels.")
+
+
+@dataclass(frozen=True)
+class PointsRenderer:
+    """See `geoprior.hooks.types.Renderer`."""
+
+    footprint: int
+    draw: Callable[..., None]
+
+    def render(self, clouds: Sequence[Cloud], view: View, steps: int) -> NDArray[np.uint8]:
+        """Draw ``steps`` frames; what rests before a fixed camera is drawn once."""
+        frames = np.zeros((steps, view.height, view.width), dtype=np.uint8)
+        drawn = [(pixel_matrices(cloud, view), axes_first(cloud.points)) for cloud in clouds]
+        resting = [(matrix, points) for matrix, points in drawn if matrix.ndim == 2]
+        for matrix, points in resting:
+            self.draw(frames[:1], matrix[None], points, self.footprint)
+        if resting:
+            frames[1:] = frames[:1]
+        for matrices, points in drawn:
+            if matrices.ndim == 3:
+                self.draw(frames, matrices, points, self.footprint)
+        return frames
+
+
+def axes_first(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points (P, 3) as (3, P), each axis in one piece for the vector unit."""
+    return np.ascontiguousarray(points.T)
+
+
+def pixel_matrices(cloud: Cloud, view: View) -> NDArray[np.float64]:
+    """Matrices from a cloud's frame to homogeneous pixels: (3, 4) if nothing moves, else (N, 3, 4)."""
+    transforms = view.transforms_world_to_camera @ cloud.transforms_cloud_to_world
+    return np.ascontiguousarray(view.intrinsics @ transforms[..., :3, :])
+
+
+def build(config: PointsConfig) -> PointsRenderer:
+    """Import numba and build the renderer."""
+    from geoprior.render._kernel import draw
+
+    return PointsRenderer(config.footprint, draw)
+
+
+@hookimpl
+def geoprior_renderers() -> Iterable[RendererSpec]:
+    """One renderer."""
+    yield RendererSpec(
+        name="points",
+        summary="white points on black, projected without occlusion",
+        config=PointsConfig,
+        factory=build,
+    )
