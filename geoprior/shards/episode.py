@@ -28,7 +28,9 @@ POSE_SIZE = len(POSE_FIELDS)
 class CameraHeader(Options):
     """A camera of an episode."""
 
-    name: str = Field(description="Name of the view, for example `hand` or `third`.")
+    name: str = Field(
+        pattern=r"^[a-z0-9][a-z0-9_-]*$", description="Name of the view, for example `hand` or `third`."
+    )
     height: int = Field(ge=1, description="Rows in pixels.")
     width: int = Field(ge=1, description="Columns in pixels.")
     channels: Literal[1, 3] = Field(description="1: binary (0 or 255); 3: RGB.")
@@ -87,7 +89,7 @@ class Episode:
         validate_poses(self.header, "pose", self.pose)
         validate_poses(self.header, "action", self.action)
         names = [camera.name for camera in self.header.cameras]
-        if names != sorted(names) or set(names) != set(self.images):
+        if names != sorted(set(names)) or set(names) != set(self.images):
             raise DataError(f"{self.header.key}: cameras {names} do not match images {sorted(self.images)}")
         for camera in self.header.cameras:
             _validate_images(self.header, camera, self.images[camera.name])

@@ -1,0 +1,214 @@
+"""The bytes of a sample's members: PNG frames, NPY arrays, the JSON header.
+
+PNG is written here, not by an image library, so that the same pixels give the same bytes wherever zlib is
+the same, and because it is faster: for a 96 x 96 binary frame 37 us against OpenCV's 47 us (and 25 against
+41 us to decode), at 480 x 640 0.3 against 1.0 ms. The files are plain PNG; any reader takes them.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import struct
+import zlib
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.lib import format as npy
+from pydantic import ValidationError
+
+from geoprior.shards.episode import EpisodeHeader
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_BINARY = (1, 0, 0, 0, 0)
+_RGB = (8, 2, 0, 0, 0)
+_NO_FILTER, _UP_FILTER = 0, 2
+# Level 6 saves 6 to 11 % on binary frames and costs 1.4 to 3.3 times the time.
+_LEVEL = 1
+
+
+def encode_png(frame: NDArray[np.uint8]) -> bytes:
+    """Encode one frame without loss.
+
+    Args:
+        frame: (H, W) uint8 of 0 and 255 only: a PNG of 1 bit a pixel; or (H, W, 3) uint8 RGB.
+
+    Raises:
+        ValueError: A binary frame holds another value.
+    """
+    if frame.ndim == 2:
+        return _png(frame.shape, _BINARY, _binary_rows(frame))
+    return _png(frame.shape, _RGB, _rgb_rows(frame))
+
+
+def decode_png(data: bytes, shape: tuple[int, ...]) -> NDArray[np.uint8]:
+    """Decode one frame and check it.
+
+    Args:
+        data: The whole PNG; any bit depth and filters that give the expected frame.
+        shape: (H, W) for a binary frame, (H, W, 3) for RGB.
+
+    Returns:
+        uint8 array of that shape; a binary frame holds 0 and 255 only.
+
+    Raises:
+        ValueError: It is damaged (a checksum fails), of another size or kind, or not binary.
+    """
+    size, kind, pixels = _parse(data)
+    if size != shape[:2]:
+        raise ValueError(f"is {size[0]} x {size[1]} pixels, not {shape[0]} x {shape[1]}")
+    frame = _unpack_binary(pixels, size) if len(shape) == 2 and kind == _BINARY else None
+    return _decode_any(data, shape) if frame is None else frame
+
+
+def encode_npy(array: NDArray[np.float32]) -> bytes:
+    """Encode poses as NPY 1.0: little-endian float32, C order."""
+    file = io.BytesIO()
+    npy.write_array(file, np.ascontiguousarray(array, dtype="<f4"), version=(1, 0), allow_pickle=False)  # type: ignore[no-untyped-call]
+    return file.getvalue()
+
+
+def decode_npy(data: bytes) -> NDArray[np.float32]:
+    """Decode poses.
+
+    Raises:
+        ValueError: It is not an NPY file of float32, is cut off, or holds pickled objects.
+    """
+    file = io.BytesIO(data)
+    array: NDArray[np.float32] = npy.read_array(file, allow_pickle=False)  # type: ignore[no-untyped-call]
+    if array.dtype != np.dtype("<f4"):
+        raise ValueError(f"holds {array.dtype}, not float32")
+    if file.tell() != len(data):
+        raise ValueError("goes on after the array's end")
+    return np.ascontiguousarray(array, dtype=np.float32)
+
+
+def encode_header(header: EpisodeHeader) -> bytes:
+    """Encode a header as JSON: sorted keys, no spaces, UTF-8.
+
+    Raises:
+        ValueError: A detail is not JSON or not finite.
+    """
+    # Not mode="json": pydantic would write NaN as null without a word.
+    content = header.model_dump()
+    try:
+        text = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False, ensure_ascii=False)
+    except TypeError as error:
+        raise ValueError(str(error)) from error
+    return text.encode()
+
+
+def decode_header(data: bytes) -> EpisodeHeader:
+    """Decode a header.
+
+    Raises:
+        ValueError: It is not JSON, or a field is missing, unknown or out of range; the message names it.
+    """
+    try:
+        return EpisodeHeader.model_validate_json(data)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"]) or "the whole"
+        raise ValueError(f"{key}: {first['msg']}") from error
+
+
+def _binary_rows(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    white = frame == 255
+    if np.count_nonzero(white) != np.count_nonzero(frame):
+        other = frame[~white & (frame != 0)][0]
+        raise ValueError(f"holds the value {other}; a binary frame has 0 and 255 only")
+    packed = np.packbits(white, axis=1)
+    rows = np.zeros((frame.shape[0], packed.shape[1] + 1), np.uint8)
+    rows[:, 1:] = packed
+    return rows
+
+
+def _rgb_rows(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    # One filter for every row: 4 times as fast as choosing row by row, and within some % of its size.
+    flat = frame.reshape(frame.shape[0], -1)
+    rows = np.empty((frame.shape[0], flat.shape[1] + 1), np.uint8)
+    rows[:, 0] = _UP_FILTER
+    rows[0, 1:] = flat[0]
+    np.subtract(flat[1:], flat[:-1], out=rows[1:, 1:])
+    return rows
+
+
+def _png(shape: tuple[int, ...], kind: tuple[int, ...], rows: NDArray[np.uint8]) -> bytes:
+    header = struct.pack(">II5B", shape[1], shape[0], *kind)
+    pixels = zlib.compress(rows.tobytes(), _LEVEL)
+    return _SIGNATURE + _chunk(b"IHDR", header) + _chunk(b"IDAT", pixels) + _chunk(b"IEND", b"")
+
+
+def _chunk(kind: bytes, body: bytes) -> bytes:
+    return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(body, zlib.crc32(kind)))
+
+
+def _parse(data: bytes) -> tuple[tuple[int, int], tuple[int, ...], bytes]:
+    """((height, width), (bit depth, colour type, ...), compressed pixels), every checksum checked."""
+    chunks = list(_chunks(data))
+    if not chunks or chunks[0][0] != b"IHDR" or len(chunks[0][1]) != 13:
+        raise ValueError("does not begin with a PNG header")
+    width, height, *kind = struct.unpack(">II5B", chunks[0][1])
+    return (height, width), tuple(kind), b"".join(body for name, body in chunks if name == b"IDAT")
+
+
+def _chunks(data: bytes) -> Iterator[tuple[bytes, bytes]]:
+    if data[:8] != _SIGNATURE:
+        raise ValueError("is not a PNG")
+    offset, kind = 8, b""
+    while kind != b"IEND":
+        if offset + 12 > len(data):
+            raise ValueError("is a PNG that was cut off")
+        length, kind = struct.unpack_from(">I4s", data, offset)
+        body, checksum = (
+            data[offset + 8 : offset + 8 + length],
+            data[offset + 8 + length : offset + 12 + length],
+        )
+        if len(checksum) != 4:
+            raise ValueError("is a PNG that was cut off")
+        if zlib.crc32(body, zlib.crc32(kind)) != int.from_bytes(checksum, "big"):
+            raise ValueError("is a damaged PNG: a checksum fails")
+        yield kind, body
+        offset += 12 + length
+    if offset != len(data):
+        raise ValueError("goes on after the PNG's end")
+
+
+def _unpack_binary(pixels: bytes, size: tuple[int, int]) -> NDArray[np.uint8] | None:
+    """The frame, or None where rows are filtered (ours never are)."""
+    height, width = size
+    stride = 1 + (width + 7) // 8
+    try:
+        flat = zlib.decompressobj().decompress(pixels, height * stride + 1)
+    except zlib.error as error:
+        raise ValueError(f"is a damaged PNG: {error}") from error
+    if len(flat) != height * stride:
+        raise ValueError("is a damaged PNG: it holds too few or too many pixels")
+    rows = np.frombuffer(flat, np.uint8).reshape(height, stride)
+    if rows[:, 0].any():
+        return None
+    bits = np.unpackbits(rows[:, 1:], axis=1, count=width)
+    return np.multiply(bits, np.uint8(255), out=bits)
+
+
+def _decode_any(data: bytes, shape: tuple[int, ...]) -> NDArray[np.uint8]:
+    import cv2  # here: binary data never needs it, and workers start faster without
+
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    if image is None:
+        raise ValueError("is a damaged PNG: its pixels cannot be decoded")
+    if image.shape != shape or image.dtype != np.uint8:
+        found = image.shape[2] if image.ndim == 3 else 1
+        expected = 3 if len(shape) == 3 else 1
+        raise ValueError(f"has {found} channels of {image.dtype}, not {expected} of uint8")
+    frame: NDArray[np.uint8] = image
+    if len(shape) == 3:
+        return np.ascontiguousarray(frame[..., ::-1])
+    if not ((frame == 0) | (frame == 255)).all():
+        raise ValueError("is not binary: a pixel is neither 0 nor 255")
+    return frame

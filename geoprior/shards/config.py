@@ -1,0 +1,57 @@
+"""What a user may say about the geometric data set. Light: pydantic only."""
+
+from __future__ import annotations
+
+from typing import Self
+
+from pydantic import Field, model_validator
+
+from geoprior.options import Choice, Options
+from geoprior.scene.config import SceneConfig
+
+_MOTIONS = ("pick", "place", "push")
+_PRIMITIVES = ("prism", "pyramid", "cylinder", "cone", "sphere", "truncated-pyramid", "truncated-cone")
+
+
+class GenerateConfig(Options):
+    """The geometric data set: how many episodes, of what, and how long."""
+
+    fps: float = Field(10.0, gt=0.0, le=1000.0, description="Time steps a second.")
+    seconds: float = Field(10.0, gt=0.0, le=3600.0, description="Length of an episode.")
+    episodes: int = Field(200, ge=1, le=10_000_000, description="Episodes of each motion.")
+    motions: list[Choice] = Field(
+        default=[Choice(name=name) for name in _MOTIONS],
+        min_length=1,
+        description="Motions, each name once; the order is that of the episodes in a shard.",
+    )
+    primitives: list[Choice] = Field(
+        default=[Choice(name=name) for name in _PRIMITIVES],
+        min_length=1,
+        description="Solids, each as likely; name one twice, perhaps with other options, to see it more.",
+    )
+    renderer: Choice = Field(default=Choice(name="points"), description="How frames are drawn.")
+    scene: SceneConfig = Field(default=SceneConfig(), description="Floor, object, hand and cameras.")
+    episodes_per_shard: int = Field(
+        30, ge=1, le=100_000, description="Samples in a shard; a worker makes a shard at a time."
+    )
+
+    @property
+    def steps(self) -> int:
+        """N, the time steps of an episode."""
+        return round(self.fps * self.seconds)
+
+    @model_validator(mode="after")
+    def _refuse_duplicate_motions(self) -> Self:
+        names = [motion.name for motion in self.motions]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise ValueError(
+                f"motions: {', '.join(twice)} named twice; an episode's key is its motion and number"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _refuse_no_steps(self) -> Self:
+        if self.steps < 2:
+            raise ValueError(f"fps x seconds gives {self.steps} time steps; an episode needs two at least")
+        return self

@@ -1,0 +1,51 @@
+"""What a caption says of an episode and of a step."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from geoprior.shards.episode import POSE_SIZE
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from geoprior.shards.episode import EpisodeHeader
+
+
+def episode_caption(header: EpisodeHeader) -> str:
+    """One line: key, motion, what it is made with, length."""
+    primitive = header.details.get("primitive")
+    shape = primitive.get("name") if isinstance(primitive, dict) else None
+    words = [header.key, f"{header.motion} a {shape}" if shape else header.motion, header.source]
+    return "  ·  ".join([*words, f"{header.steps} steps at {header.fps:g} Hz"])
+
+
+def step_caption(header: EpisodeHeader, pose: NDArray[np.float32], step: int) -> tuple[str, str]:
+    """Two lines: step and time; phase, if the episode tells it, and the grippers' states.
+
+    Args:
+        header: Of the episode.
+        pose: (N, 8 x hands).
+        step: Which one.
+    """
+    grippers = pose[step].reshape(-1, POSE_SIZE)[:, 7]
+    states = " ".join("closed" if value else "open" for value in grippers)
+    phase = phase_of(header, step)
+    return f"{step}  ·  {step / header.fps:.1f} s", f"{phase}  ·  {states}" if phase else states
+
+
+def phase_of(header: EpisodeHeader, step: int) -> str:
+    """Name of a step's phase, from ``details["phases"]``: pairs of name and number of steps; else empty."""
+    phases: Any = header.details.get("phases")
+    if not isinstance(phases, list):
+        return ""
+    for pair in phases:
+        match pair:
+            case [str(name), int(steps)] if step < steps:
+                return name
+            case [str(), int(steps)]:
+                step -= steps
+            case _:
+                return ""
+    return ""
