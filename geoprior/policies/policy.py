@@ -5,12 +5,22 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol, TypedDict
 
+from pydantic import Field
+
+from geoprior.options import Options
+
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Mapping
 
     import numpy as np
     from numpy.typing import NDArray
-    from torch import Tensor, nn
+    from torch import Tensor
+
+
+class PolicyOptions(Options):
+    """What the trainer reads of every policy's options; a policy's config model derives from it."""
+
+    chunk: int = Field(25, ge=1, le=1000, description="Actions that one prediction holds.")
 
 
 @dataclass(frozen=True)
@@ -49,7 +59,16 @@ class Batch(Observation):
 
 
 class Policy(Protocol):
-    """A `torch.nn.Module` that learns action chunks. Inputs and outputs are normalised."""
+    """A `torch.nn.Module` that learns action chunks. Inputs and outputs are normalised.
+
+    Attributes:
+        features: As given to the factory.
+        trunk_prefixes: How the names of the visual trunk's tensors begin in the state dict, for its own
+            learning rate and for partial transfer.
+    """
+
+    features: Features
+    trunk_prefixes: tuple[str, ...]
 
     def loss(self, batch: Batch) -> tuple[Tensor, Mapping[str, Tensor]]:
         """The scalar to minimise, and detached scalars to log (``l1`` among them)."""
@@ -57,10 +76,6 @@ class Policy(Protocol):
 
     def predict(self, observation: Observation) -> Tensor:
         """(B, chunk, pose_size) actions, without gradients or randomness."""
-        ...
-
-    def backbone_parameters(self) -> Iterator[tuple[str, nn.Parameter]]:
-        """The visual trunk's named parameters, for its own learning rate and for partial transfer."""
         ...
 
 

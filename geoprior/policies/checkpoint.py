@@ -1,0 +1,221 @@
+"""Checkpoints: ``epoch-000256.safetensors`` holds the weights, the JSON beside it all the rest.
+
+The weights are written first and their digest stands in the JSON: a pair is whole, or it is refused.
+Nothing is pickled, and nothing but the pair is needed to run the policy.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, cast
+
+from geoprior import __version__
+from geoprior.errors import DataError
+from geoprior.files import read_json, sha256_file, write_json
+from geoprior.hooks.manager import plugins
+from geoprior.options import Choice
+from geoprior.policies.normalise import (
+    IMAGE_MEAN,
+    IMAGE_STD,
+    STD_FLOOR,
+    Normaliser,
+    Statistics,
+    statistics_from_json,
+    statistics_to_json,
+)
+from geoprior.policies.policy import Features
+from geoprior.policies.predictor import LoadedPredictor
+from geoprior.policies.tensors import fill, load_tensors, save_tensors
+
+if TYPE_CHECKING:
+    from torch import Tensor, nn
+
+    from geoprior.policies.policy import Policy
+
+FORMAT = "geoprior-checkpoint"
+FORMAT_VERSION = 1
+Part = Literal["all", "trunk"]
+_NAME = re.compile(r"epoch-(\d{6,})\.safetensors")
+_NORMALISATION = {"std_floor": STD_FLOOR, "image_mean": list(IMAGE_MEAN), "image_std": list(IMAGE_STD)}
+_TRAIN_AGAIN = "delete it and run the same command again"
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """One checkpoint on disk: the path of its weights, and the epoch in its name."""
+
+    path: Path
+    epoch: int
+
+
+@dataclass(frozen=True)
+class CheckpointHeader:
+    """What the JSON of a checkpoint says.
+
+    Attributes:
+        policy: The policy's name and all its options.
+        features: What it sees and says.
+        fps: Actions a second, the policy's own rate.
+        statistics: Of poses and actions.
+        epoch: Passes over the episodes, each giving one random time step.
+        step: Optimiser steps.
+        details: All else that was recorded: config, data digest, seed, precision, transfer.
+    """
+
+    policy: Choice
+    features: Features
+    fps: float
+    statistics: Statistics
+    epoch: int
+    step: int
+    details: Mapping[str, Any]
+
+
+def checkpoint_path(folder: Path, epoch: int) -> Path:
+    """Where the weights of an epoch lie."""
+    return folder / f"epoch-{epoch:06d}.safetensors"
+
+
+def list_checkpoints(folder: Path) -> tuple[Checkpoint, ...]:
+    """The complete checkpoints of a training, by epoch; one without its JSON was cut off and is left out."""
+    paths = folder.glob("epoch-*.safetensors") if folder.is_dir() else ()
+    found = [(match, path) for path in paths if (match := _NAME.fullmatch(path.name))]
+    whole = [Checkpoint(path, int(match[1])) for match, path in found if path.with_suffix(".json").exists()]
+    return tuple(sorted(whole, key=lambda checkpoint: checkpoint.epoch))
+
+
+def save_checkpoint(path: Path, tensors: Mapping[str, Tensor], header: CheckpointHeader) -> None:
+    """Write the pair, each file atomically, the JSON last.
+
+    Raises:
+        DataError: The folder cannot be written.
+    """
+    save_tensors(path, tensors, {"format": FORMAT})
+    tree = {
+        "format": FORMAT,
+        "format_version": FORMAT_VERSION,
+        "geoprior": __version__,
+        "policy": header.policy.model_dump(mode="json"),
+        "features": asdict(header.features),
+        "fps": header.fps,
+        "statistics": statistics_to_json(header.statistics),
+        "normalisation": _NORMALISATION,
+        "epoch": header.epoch,
+        "step": header.step,
+        "details": dict(header.details),
+        "weights": {"bytes": path.stat().st_size, "sha256": sha256_file(path)},
+    }
+    write_json(path.with_suffix(".json"), tree)
+
+
+def load_checkpoint(path: Path) -> tuple[CheckpointHeader, dict[str, Tensor]]:
+    """Read and verify a pair.
+
+    Args:
+        path: Of the ``.safetensors`` file.
+
+    Raises:
+        DataError: A file is missing, cut off, foreign, or of another format version; it is named.
+    """
+    header, weights = _read_header(path)
+    if not path.is_file():
+        raise DataError(f"{path}: no such checkpoint", "run the training again")
+    if path.stat().st_size != weights["bytes"] or sha256_file(path) != weights["sha256"]:
+        raise DataError(f"{path}: not the weights that its JSON describes: cut off or changed", _TRAIN_AGAIN)
+    return header, load_tensors(path)
+
+
+def read_header(path: Path) -> CheckpointHeader:
+    """Read a checkpoint's JSON only; see `load_checkpoint`."""
+    return _read_header(path)[0]
+
+
+def _read_header(path: Path) -> tuple[CheckpointHeader, Mapping[str, Any]]:
+    file = path.with_suffix(".json")
+    if path.is_file() and not file.is_file():
+        raise DataError(f"{path}: its JSON {file.name} is missing: half-written or foreign", _TRAIN_AGAIN)
+    tree = read_json(file)
+    if not isinstance(tree, dict) or tree.get("format") != FORMAT:
+        raise DataError(
+            f"{file}: not a checkpoint of geoprior", "give an epoch-*.safetensors of a run folder"
+        )
+    if tree.get("format_version") != FORMAT_VERSION:
+        raise DataError(
+            f"{file}: checkpoint format {tree.get('format_version')}, this geoprior reads {FORMAT_VERSION}",
+            f"use the version that wrote it ({tree.get('geoprior')})",
+        )
+    if tree.get("normalisation") != _NORMALISATION:
+        raise DataError(
+            f"{file}: key 'normalisation': {tree.get('normalisation')}, expected {_NORMALISATION}",
+            "use the version of geoprior that wrote it",
+        )
+    try:
+        return _parse(tree), tree["weights"]
+    except (KeyError, TypeError, ValueError) as error:
+        raise DataError(f"{file}: key missing or malformed: {error}", _TRAIN_AGAIN) from error
+
+
+def _parse(tree: Mapping[str, Any]) -> CheckpointHeader:
+    features = tree["features"]
+    return CheckpointHeader(
+        policy=Choice.model_validate(tree["policy"]),
+        features=Features(
+            cameras=tuple(features["cameras"]),
+            image_size=(int(features["image_size"][0]), int(features["image_size"][1])),
+            pose_size=int(features["pose_size"]),
+            chunk=int(features["chunk"]),
+        ),
+        fps=float(tree["fps"]),
+        statistics=statistics_from_json(tree["statistics"]),
+        epoch=int(tree["epoch"]),
+        step=int(tree["step"]),
+        details=tree["details"],
+    )
+
+
+def load_weights(policy: nn.Module, path: Path, which: Part = "all") -> tuple[str, ...]:
+    """Put a checkpoint's weights into a policy, strictly within the part that is taken.
+
+    Args:
+        policy: A `geoprior.policies.policy.Policy`, built with the sizes it shall have.
+        path: Of the checkpoint.
+        which: All tensors, or only those of the visual trunk.
+
+    Returns:
+        Names of the tensors taken.
+
+    Raises:
+        DataError: A camera is named otherwise, or a tensor is missing, extra or of another shape.
+    """
+    header, tensors = load_checkpoint(path)
+    ours = cast("Policy", policy)
+    if which == "trunk":
+        taken = {name: tensor for name, tensor in tensors.items() if name.startswith(ours.trunk_prefixes)}
+        return fill(policy, taken, path, ours.trunk_prefixes)
+    if header.features.cameras != ours.features.cameras:
+        raise DataError(
+            f"{path}: trained on the cameras {', '.join(header.features.cameras)}, this data has "
+            f"{', '.join(ours.features.cameras)}",
+            "rename the cameras of the data, or take the trunk's weights only",
+        )
+    return fill(policy, tensors, path)
+
+
+def load_predictor(path: Path) -> LoadedPredictor:
+    """Load a checkpoint for rollouts, in fp32; see `geoprior.policies.policy.Predictor`.
+
+    Args:
+        path: Of the ``.safetensors`` file.
+
+    Raises:
+        DataError: The pair is missing, damaged or foreign, or does not fit its own description.
+        ConfigError: The policy is of a plug-in that is not installed.
+    """
+    header, tensors = load_checkpoint(path)
+    normaliser = Normaliser(header.statistics)
+    policy: nn.Module = plugins().build("policy", header.policy, header.features)
+    fill(policy, tensors, path)
+    return LoadedPredictor(policy, header.features, header.fps, normaliser)

@@ -1,0 +1,150 @@
+"""Normalisation: statistics of poses and actions, and the fixed scaling of frames.
+
+The statistics travel in the checkpoint, and what has none is an error: a feature that passes through
+unchanged trains to a policy that fails in silence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import torch
+
+from geoprior.errors import DataError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+    from torch import Tensor
+
+STD_FLOOR = 1e-2
+"""Smallest standard deviation that is divided by: a constant channel must not amplify noise."""
+IMAGE_MEAN = (0.485, 0.456, 0.406)
+IMAGE_STD = (0.229, 0.224, 0.225)
+"""Of ImageNet's RGB in [0, 1]: what a torchvision trunk expects."""
+NORMALISED_FEATURES = ("pose", "action")
+
+
+@dataclass(frozen=True)
+class FeatureStatistics:
+    """Mean and standard deviation of each channel of a feature, over ``count`` time steps."""
+
+    mean: tuple[float, ...]
+    std: tuple[float, ...]
+    count: int
+
+
+Statistics = Mapping[str, FeatureStatistics]
+
+
+def measure(rows: Iterable[NDArray[np.float32]]) -> FeatureStatistics:
+    """The statistics over the rows of all arrays, each (N, channels).
+
+    Raises:
+        DataError: There are no rows.
+    """
+    table = np.concatenate([np.asarray(row, dtype=np.float64) for row in rows] or [np.zeros((0, 1))])
+    if len(table) == 0:
+        raise DataError("there are no time steps to take statistics of")
+    return FeatureStatistics(
+        tuple(table.mean(axis=0).tolist()), tuple(table.std(axis=0).tolist()), len(table)
+    )
+
+
+def merge(first: Statistics, second: Statistics) -> dict[str, FeatureStatistics]:
+    """The statistics of two data sets taken together: every time step counts once.
+
+    Raises:
+        DataError: A feature has statistics in one only, or of another length.
+    """
+    return {name: _merge_feature(name, first, second) for name in sorted({*first, *second})}
+
+
+def _merge_feature(name: str, first: Statistics, second: Statistics) -> FeatureStatistics:
+    a, b = require(first, name), require(second, name)
+    if len(a.mean) != len(b.mean):
+        raise DataError(
+            f"feature {name!r} has {len(a.mean)} channels in one data set, {len(b.mean)} in the other"
+        )
+    count = a.count + b.count
+    mean = (np.array(a.mean) * a.count + np.array(b.mean) * b.count) / count
+    squares = sum(
+        part.count * (np.array(part.std) ** 2 + (np.array(part.mean) - mean) ** 2) for part in (a, b)
+    )
+    return FeatureStatistics(tuple(mean.tolist()), tuple(np.sqrt(squares / count).tolist()), count)
+
+
+def require(statistics: Statistics, name: str) -> FeatureStatistics:
+    """The statistics of one feature.
+
+    Raises:
+        DataError: There are none; the message names the feature.
+    """
+    if name not in statistics:
+        raise DataError(
+            f"feature {name!r} has no statistics, only: {', '.join(sorted(statistics)) or 'none'}",
+            "the checkpoint was written by something else or edited; train again",
+        )
+    return statistics[name]
+
+
+def statistics_to_json(statistics: Statistics) -> dict[str, Any]:
+    """As the checkpoint's JSON holds them; floats survive exactly."""
+    return {
+        name: {"mean": list(feature.mean), "std": list(feature.std), "count": feature.count}
+        for name, feature in statistics.items()
+    }
+
+
+def statistics_from_json(tree: Mapping[str, Any]) -> dict[str, FeatureStatistics]:
+    """The inverse of `statistics_to_json`."""
+    return {
+        name: FeatureStatistics(tuple(entry["mean"]), tuple(entry["std"]), int(entry["count"]))
+        for name, entry in tree.items()
+    }
+
+
+class Normaliser:
+    """Normalises poses and actions, and undoes it.
+
+    Args:
+        statistics: Of every name in `NORMALISED_FEATURES`.
+        std_floor: See `STD_FLOOR`.
+
+    Raises:
+        DataError: A feature lacks statistics.
+    """
+
+    def __init__(self, statistics: Statistics, std_floor: float = STD_FLOOR) -> None:
+        self.statistics = {name: require(statistics, name) for name in NORMALISED_FEATURES}
+        self._mean = {name: np.array(feature.mean) for name, feature in self.statistics.items()}
+        self._std = {
+            name: np.maximum(np.array(feature.std), std_floor) for name, feature in self.statistics.items()
+        }
+
+    def normalise(self, name: str, values: NDArray[np.float32]) -> NDArray[np.float32]:
+        """(..., channels) raw to normalised float32; computed in float64."""
+        normalised: NDArray[np.float32] = ((values - self._mean[name]) / self._std[name]).astype(np.float32)
+        return normalised
+
+    def denormalise(self, name: str, values: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The inverse of `normalise`."""
+        raw: NDArray[np.float32] = (values * self._std[name] + self._mean[name]).astype(np.float32)
+        return raw
+
+
+def normalise_images(frames: Tensor) -> Tensor:
+    """Frames as recorded to what a trunk sees.
+
+    Args:
+        frames: (..., H, W, 3) RGB or (..., H, W, 1) binary, which is repeated to three channels; uint8,
+            or float32 in [0, 255] where noise has been added.
+
+    Returns:
+        (..., 3, H, W) float32, with the channels last in memory.
+    """
+    scale = torch.tensor([1.0 / (255.0 * std) for std in IMAGE_STD])
+    shift = torch.tensor([-mean / std for mean, std in zip(IMAGE_MEAN, IMAGE_STD, strict=True)])
+    return torch.addcmul(shift, frames.float(), scale).movedim(-1, -3)

@@ -1,0 +1,103 @@
+"""A trained policy with its normalisation, for rollouts: NumPy in, NumPy out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+import torch
+
+from geoprior.errors import DataError, NumericalError
+from geoprior.policies.normalise import Normaliser, normalise_images
+from geoprior.shards.episode import POSE_SIZE
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+    from torch import nn
+
+    from geoprior.policies.policy import Features, Policy
+
+
+class LoadedPredictor:
+    """See `geoprior.policies.policy.Predictor`.
+
+    Observations go through the network one at a time, so that a trial's actions do not depend on which
+    other trials share its batch: kernels of another batch size round differently.
+
+    Args:
+        policy: In any mode; it is put into evaluation mode.
+        features: What it sees and says.
+        fps: Actions a second.
+        normaliser: With the checkpoint's statistics.
+    """
+
+    def __init__(self, policy: nn.Module, features: Features, fps: float, normaliser: Normaliser) -> None:
+        self.features = features
+        self.fps = fps
+        self._module = policy.eval()
+        self._policy = cast("Policy", policy)
+        self._normaliser = normaliser
+
+    def predict(
+        self, pose: NDArray[np.float32], images: Mapping[str, NDArray[np.uint8]]
+    ) -> NDArray[np.float32]:
+        """See `geoprior.policies.policy.Predictor.predict`.
+
+        Raises:
+            DataError: A camera is missing or extra, or an array has another shape or type.
+            NumericalError: The policy said something that is not finite.
+        """
+        stacked = self._stack(pose, images)
+        poses = torch.from_numpy(self._normaliser.normalise("pose", pose))
+        chunks = [self._predict_one(poses[i : i + 1], stacked[i : i + 1]) for i in range(len(pose))]
+        actions = self._normaliser.denormalise("action", np.concatenate(chunks))
+        if not np.isfinite(actions).all():
+            raise NumericalError("the policy predicted an action that is not finite")
+        return to_commands(actions)
+
+    def _predict_one(self, pose: torch.Tensor, frames: NDArray[np.uint8]) -> NDArray[np.float32]:
+        with torch.inference_mode():
+            images = normalise_images(torch.from_numpy(frames))
+            chunk: NDArray[np.float32] = self._policy.predict({"pose": pose, "images": images}).numpy()
+        return chunk
+
+    def _stack(self, pose: NDArray[np.float32], images: Mapping[str, NDArray[np.uint8]]) -> NDArray[np.uint8]:
+        if set(images) != set(self.features.cameras):
+            raise DataError(
+                f"the policy looks through the cameras {', '.join(self.features.cameras)}; "
+                f"it was given {', '.join(sorted(images))}"
+            )
+        if pose.shape != (len(pose), self.features.pose_size) or len(pose) == 0:
+            raise DataError(f"pose: expected (B, {self.features.pose_size}), found {pose.shape}")
+        frames = [as_channels(images[name]) for name in self.features.cameras]
+        for name, frame in zip(self.features.cameras, frames, strict=True):
+            if frame.dtype != np.uint8 or frame.shape[:3] != (len(pose), *self.features.image_size):
+                raise DataError(
+                    f"camera {name!r}: expected uint8 {(len(pose), *self.features.image_size)}, "
+                    f"found {frame.dtype} {frame.shape}"
+                )
+        channels = max(frame.shape[-1] for frame in frames)
+        return np.stack([np.broadcast_to(f, (*f.shape[:-1], channels)) for f in frames], axis=1)
+
+
+def as_channels(frames: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """(B, H, W) binary or (B, H, W, 3) RGB frames with an axis of channels in any case."""
+    return frames[..., None] if frames.ndim == 3 else frames
+
+
+def to_commands(actions: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Make predicted actions obey the pose contract.
+
+    Args:
+        actions: (..., 8 x hands) as a network says them.
+
+    Returns:
+        The same shape: quaternions of unit length, gripper 0 or 1.
+    """
+    by_hand = actions.reshape(*actions.shape[:-1], -1, POSE_SIZE).astype(np.float64)
+    quaternions = by_hand[..., 3:7]
+    norms = np.linalg.norm(quaternions, axis=-1, keepdims=True)
+    by_hand[..., 3:7] = quaternions / np.maximum(norms, 1e-9)
+    by_hand[..., 7] = by_hand[..., 7] > 0.5
+    return by_hand.reshape(actions.shape).astype(np.float32)

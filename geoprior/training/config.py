@@ -1,0 +1,118 @@
+"""What a user says about training. Light: nothing but pydantic is imported."""
+
+from __future__ import annotations
+
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
+
+from geoprior.options import Options
+
+
+class TrainConfig(Options):
+    """What pretraining and fine-tuning share.
+
+    An epoch is the paper's: one random time step of every episode. The optimiser takes
+    ``ceil(epochs * episodes / batch_size)`` steps; a batch may span the border of two epochs.
+    """
+
+    epochs: int = Field(
+        256, ge=1, le=10_000_000, description="Passes over the episodes, one time step of each."
+    )
+    batch_size: int = Field(64, ge=1, le=65_536, description="Samples of one optimiser step.")
+    learning_rate: float = Field(1e-4, gt=0.0, le=1.0, description="Of AdamW, after the warm-up.")
+    trunk_learning_rate: float | None = Field(
+        None, gt=0.0, le=1.0, description="Of the visual trunk; null takes `learning_rate`."
+    )
+    weight_decay: float = Field(1e-4, ge=0.0, le=1.0, description="Decoupled weight decay of AdamW.")
+    gradient_clip: float | None = Field(
+        None, gt=0.0, description="Largest L2 norm of the whole gradient; null does not clip."
+    )
+    warmup_steps: int = Field(
+        0, ge=0, description="Steps over which the learning rate rises linearly from 0."
+    )
+    image_noise: float = Field(
+        0.05, ge=0.0, le=1.0, description="Standard deviation of Gaussian noise on frames in [0, 1]."
+    )
+    image_shift: int = Field(
+        0, ge=0, le=64, description="Frames are moved by up to so many pixels each way, edges repeated."
+    )
+    skip: int = Field(
+        1, ge=1, le=1000, description="Every `skip`-th action: the policy's rate is the data's fps / skip."
+    )
+    device: Literal["auto", "cpu", "cuda"] = Field(
+        "auto", description="Where training runs; `auto` takes a GPU where torch finds one."
+    )
+    precision: Literal["auto", "bf16", "fp32"] = Field(
+        "auto", description="`auto` times both on this machine; what was chosen stands in machine.json."
+    )
+    threads: int = Field(0, ge=0, le=1024, description="Threads of the arithmetic; 0 takes all usable cores.")
+    prefetch: int = Field(
+        2, ge=0, le=64, description="Batches read ahead in a thread; never changes a result."
+    )
+    frame_cache_mb: int = Field(
+        256, ge=0, description="Memory for decoded frames, in MiB; never changes a result."
+    )
+    checkpoint_every: int | None = Field(
+        None, ge=1, description="Epochs between checkpoints; null writes only the one at the end."
+    )
+    resume_seconds: float = Field(
+        60.0, ge=0.0, description="Least time between two saves of the state from which a killed run goes on."
+    )
+    log_every: int = Field(10, ge=1, description="Optimiser steps between two calls of the train-step hook.")
+
+
+class PretrainConfig(TrainConfig):
+    """Training on the geometric data set."""
+
+    epochs: int = Field(
+        128, ge=1, le=10_000_000, description="Passes over the episodes, one time step of each."
+    )
+
+
+class ConditionConfig(Options):
+    """One way to begin fine-tuning."""
+
+    init: Literal["scratch", "prior"] = Field(
+        description="`scratch`: random weights; `prior`: those of the last checkpoint of pretraining."
+    )
+    weights: Literal["all", "trunk"] = Field(
+        "all", description="Which of the prior's weights are taken; the rest begins at random."
+    )
+    statistics: Literal["pretrained", "new", "merged"] = Field(
+        "new",
+        description="Normalisation: of the prior, of the demonstrations, or of all time steps of both.",
+    )
+
+    @model_validator(mode="after")
+    def _scratch_takes_nothing(self) -> Self:
+        if self.init == "scratch" and (self.weights != "all" or self.statistics != "new"):
+            raise ValueError("init 'scratch' has no prior to take weights or statistics from")
+        return self
+
+
+class FinetuneConfig(TrainConfig):
+    """Training on the demonstrations, once for every condition and training seed."""
+
+    checkpoint_every: int | None = Field(
+        128, ge=1, description="Epochs between checkpoints; null writes only the one at the end."
+    )
+    conditions: dict[str, ConditionConfig] = Field(
+        default={"scratch": ConditionConfig(init="scratch"), "prior": ConditionConfig(init="prior")},
+        min_length=1,
+        description="The conditions to compare, by name.",
+    )
+    seeds: list[int] = Field(
+        default=[0],
+        min_length=1,
+        description="Training seeds: first weights, order of samples and noise, alike in all conditions.",
+    )
+
+    @model_validator(mode="after")
+    def _check_names(self) -> Self:
+        for name in self.conditions:
+            if not name.replace("-", "").replace("_", "").isalnum() or not name.islower():
+                raise ValueError(f"condition {name!r}: use lower-case letters, digits, - and _")
+        if len(set(self.seeds)) != len(self.seeds) or min(self.seeds) < 0:
+            raise ValueError(f"seeds {self.seeds}: each must be at least 0 and occur once")
+        return self

@@ -1,0 +1,1 @@
+"""Built-in listeners of the train-step hook, one light module each."""

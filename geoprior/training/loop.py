@@ -1,0 +1,246 @@
+"""The training loop: deterministic, and exact after a kill at any moment. It knows no policy by name."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, cast
+
+import torch
+
+from geoprior.errors import NumericalError
+from geoprior.files import read_json, write_json
+from geoprior.geometry.seeding import integer_seed
+from geoprior.hooks.manager import plugins
+from geoprior.hooks.types import TrainStep
+from geoprior.policies.checkpoint import CheckpointHeader, checkpoint_path, save_checkpoint
+from geoprior.progress import track
+from geoprior.training.order import steps_until
+from geoprior.training.resume import (
+    RESUME_NAME,
+    Progress,
+    load_progress,
+    require_same_training,
+    save_progress,
+)
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from torch import nn
+
+    from geoprior.policies.policy import Batch, Policy
+    from geoprior.training.config import TrainConfig
+    from geoprior.training.data import Batches
+    from geoprior.training.machine import Machine
+
+RESULT_NAME = "result.json"
+_MEMORY = 50
+"""Steps that the running means look back on."""
+
+
+@dataclass(frozen=True)
+class Training:
+    """Everything that one training is made of.
+
+    Attributes:
+        run: Its name, for the hooks and the progress line.
+        folder: Where it writes; nothing else writes there.
+        config: The common fields.
+        policy: A `geoprior.policies.policy.Policy`, with its first weights.
+        batches: What it learns from.
+        episodes: In the data; an epoch has one sample of each.
+        seed: Decides what is random inside a step.
+        machine: Precision and threads.
+        header: What the checkpoints say; epoch and step are filled in.
+        fingerprint: Of all that decides the weights at the end.
+    """
+
+    run: str
+    folder: Path
+    config: TrainConfig
+    policy: nn.Module
+    batches: Batches
+    episodes: int
+    seed: int
+    machine: Machine
+    header: CheckpointHeader
+    fingerprint: str
+
+    @property
+    def steps(self) -> int:
+        """Optimiser steps in all."""
+        return steps_until(self.config.epochs, self.episodes, self.config.batch_size)
+
+
+def fit(training: Training) -> dict[str, Any]:
+    """Train to the end, from where the folder says that an earlier process got.
+
+    Returns:
+        What stands in ``result.json``: epochs, steps, samples, wall seconds, and the running means of the
+        metrics at the end.
+
+    Raises:
+        NumericalError: A loss or a weight is not finite; the last state that was saved is kept.
+        DataError: The folder holds another training, or a file is damaged or cannot be written.
+    """
+    result_path = training.folder / RESULT_NAME
+    if result_path.exists():
+        result: dict[str, Any] = read_json(result_path)
+        require_same_training(result_path, result.get("fingerprint"), training.fingerprint)
+        return result
+    training.folder.mkdir(parents=True, exist_ok=True)
+    _sweep(training.folder)
+    with _arithmetic(training.machine.threads):
+        result = _run(training)
+    write_json(result_path, result)
+    (training.folder / RESUME_NAME).unlink(missing_ok=True)
+    return result
+
+
+def _sweep(folder: Path) -> None:
+    """Remove what a killed write left: our temporary files and those of safetensors."""
+    for pattern in (".*.tmp", ".tmp*"):
+        for leftover in folder.glob(pattern):
+            leftover.unlink(missing_ok=True)
+
+
+def _run(training: Training) -> dict[str, Any]:
+    config, policy = training.config, training.policy.to(training.machine.device).train()
+    optimizer = make_optimizer(config, policy)
+    progress = load_progress(training.folder, training.fingerprint, policy, optimizer) or Progress(0, 0.0, {})
+    saved = time.monotonic()
+    begun = saved - progress.seconds
+    due = _checkpoint_steps(training)
+    label, batch_size = training.run, config.batch_size
+    with track(label, training.steps * batch_size, "samples", progress.step * batch_size) as shown:
+        for batch in training.batches.stream(progress.step, training.steps):
+            metrics = _take_step(training, optimizer, progress.step, batch)
+            averages = _average(progress.averages, metrics, progress.step)
+            now = time.monotonic()
+            progress = Progress(progress.step + 1, now - begun, averages)
+            shown.advance(
+                batch_size, **{name: f"{averages[name]:.4f}" for name in ("l1",) if name in averages}
+            )
+            _log(training, progress.step, metrics)
+            for epoch in due.get(progress.step, ()):
+                _save_weights(training, epoch, progress.step)
+            if progress.step in due or now - saved >= config.resume_seconds:
+                _require_finite_weights(training, progress.step)
+                save_progress(training.folder, training.fingerprint, progress, policy, optimizer)
+                saved = time.monotonic()
+    return {
+        "fingerprint": training.fingerprint,
+        "epochs": config.epochs,
+        "steps": progress.step,
+        "samples": progress.step * batch_size,
+        "seconds": round(progress.seconds, 3),
+        "metrics": dict(progress.averages),
+    }
+
+
+def make_optimizer(config: TrainConfig, policy: nn.Module) -> torch.optim.AdamW:
+    """Fused AdamW with the trunk in its own group."""
+    prefixes = cast("Policy", policy).trunk_prefixes
+    trunk: list[nn.Parameter] = []
+    rest: list[nn.Parameter] = []
+    for name, parameter in policy.named_parameters():
+        if parameter.requires_grad:
+            (trunk if name.startswith(prefixes) else rest).append(parameter)
+    rates = (config.trunk_learning_rate or config.learning_rate, config.learning_rate)
+    groups = [
+        {"params": parameters, "lr": rate, "full_rate": rate}
+        for parameters, rate in zip((trunk, rest), rates, strict=True)
+        if parameters
+    ]
+    return torch.optim.AdamW(groups, weight_decay=config.weight_decay, fused=True)
+
+
+def _take_step(
+    training: Training, optimizer: torch.optim.Optimizer, step: int, batch: Batch
+) -> dict[str, float]:
+    """One optimiser step; its randomness depends on the seed and the step's number only."""
+    config = training.config
+    torch.manual_seed(integer_seed(training.seed, "step", step))
+    warm = min(1.0, (step + 1) / config.warmup_steps) if config.warmup_steps else 1.0
+    for group in optimizer.param_groups:
+        group["lr"] = group["full_rate"] * warm
+    device = training.machine.device
+    batch = cast("Batch", {name: value.to(device) for name, value in batch.items()})  # type: ignore[attr-defined]
+    with torch.autocast(device, torch.bfloat16, enabled=training.machine.precision == "bf16"):
+        loss, scalars = cast("Policy", training.policy).loss(batch)
+    metrics = {name: float(value) for name, value in scalars.items()}
+    if not math.isfinite(loss.item()):
+        raise NumericalError(
+            f"{training.run}: the loss is {loss.item()} at step {step + 1}",
+            f"the last good state is kept in {training.folder}; lower learning_rate or set gradient_clip",
+        )
+    optimizer.zero_grad(set_to_none=True)
+    loss.backward()  # type: ignore[no-untyped-call]
+    if config.gradient_clip is not None:
+        norm = torch.nn.utils.clip_grad_norm_(training.policy.parameters(), config.gradient_clip)
+        metrics["gradient_norm"] = float(norm)
+    optimizer.step()
+    return {**metrics, "learning_rate": config.learning_rate * warm}
+
+
+def _average(averages: Mapping[str, float], metrics: Mapping[str, float], step: int) -> dict[str, float]:
+    """The plain mean of the first steps, then an exponential one."""
+    weight = 1.0 / min(step + 1, _MEMORY)
+    return {
+        name: (1.0 - weight) * averages.get(name, value) + weight * value for name, value in metrics.items()
+    }
+
+
+def _checkpoint_steps(training: Training) -> dict[int, list[int]]:
+    """Epochs to save after each optimiser step."""
+    config = training.config
+    every = config.checkpoint_every or config.epochs
+    due: dict[int, list[int]] = {}
+    for epoch in sorted({*range(every, config.epochs, every), config.epochs}):
+        due.setdefault(steps_until(epoch, training.episodes, config.batch_size), []).append(epoch)
+    return due
+
+
+def _save_weights(training: Training, epoch: int, step: int) -> None:
+    _require_finite_weights(training, step)
+    header = replace(training.header, epoch=epoch, step=step)
+    save_checkpoint(checkpoint_path(training.folder, epoch), training.policy.state_dict(), header)
+
+
+def _require_finite_weights(training: Training, step: int) -> None:
+    for name, parameter in training.policy.named_parameters():
+        if not torch.isfinite(parameter).all():
+            raise NumericalError(
+                f"{training.run}: the weight {name!r} is not finite after step {step}",
+                f"the last good state is kept in {training.folder}; lower learning_rate or set gradient_clip",
+            )
+
+
+def _log(training: Training, step: int, metrics: Mapping[str, float]) -> None:
+    if step % training.config.log_every and step != training.steps:
+        return
+    event = TrainStep(
+        run=training.run,
+        step=step,
+        steps=training.steps,
+        epoch=step * training.config.batch_size / training.episodes,
+        metrics=metrics,
+        folder=training.folder,
+    )
+    plugins().hook.geoprior_train_step(event=event)
+
+
+@contextmanager
+def _arithmetic(threads: int) -> Iterator[None]:
+    """So many threads, and a random state that the caller does not notice."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(threads)
+    try:
+        with torch.random.fork_rng():
+            yield
+    finally:
+        torch.set_num_threads(before)

@@ -1,0 +1,220 @@
+"""The two training stages: functions of files to files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import torch
+
+from geoprior.errors import ConfigError, DataError, PluginError
+from geoprior.files import sha256_json
+from geoprior.geometry.seeding import integer_seed
+from geoprior.hooks.manager import plugins
+from geoprior.policies.checkpoint import (
+    CheckpointHeader,
+    list_checkpoints,
+    load_weights,
+    read_header,
+)
+from geoprior.policies.normalise import Normaliser, Statistics, merge
+from geoprior.policies.policy import PolicyOptions
+from geoprior.shards.reader import EpisodeStore
+from geoprior.training.config import ConditionConfig, TrainConfig
+from geoprior.training.data import Batches, Demonstrations
+from geoprior.training.loop import Training, fit
+from geoprior.training.machine import Machine, decide_machine
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from torch import nn
+
+    from geoprior.options import Choice
+    from geoprior.policies.policy import Features
+    from geoprior.training.config import FinetuneConfig, PretrainConfig
+
+_SCRATCH = ConditionConfig(init="scratch")
+_SPEED_ONLY = {"prefetch", "frame_cache_mb", "resume_seconds", "log_every", "threads", "precision", "device"}
+
+
+@dataclass(frozen=True)
+class Job:
+    """One training to set up.
+
+    Attributes:
+        run: Its name.
+        seed: Decides the first weights, the order of samples and all noise.
+        condition: How it begins.
+        prior: The checkpoint it may begin from.
+        folder: Where it writes.
+    """
+
+    run: str
+    seed: int
+    condition: ConditionConfig
+    prior: Path | None
+    folder: Path
+
+
+def pretrain(config: PretrainConfig, *, policy: Choice, seed: int, data: Path, out: Path) -> dict[str, Any]:
+    """Train on the geometric data set.
+
+    Args:
+        config: See `PretrainConfig`.
+        policy: What learns.
+        seed: Root seed of the run.
+        data: Folder of shards.
+        out: Gets ``epoch-*.safetensors`` and their JSON, ``log.jsonl``, ``machine.json``, ``result.json``.
+
+    Returns:
+        Epochs, steps, samples, wall seconds and the running means of the metrics at the end.
+
+    Raises:
+        GeopriorError: See `geoprior.training.loop.fit`.
+    """
+    demonstrations = Demonstrations.load(EpisodeStore(data))
+    job = Job("pretrain", integer_seed(seed, "pretrain"), _SCRATCH, None, out)
+    return train(config, job, policy, demonstrations, decide_machine(config, out))
+
+
+def finetune(
+    config: FinetuneConfig, *, policy: Choice, seed: int, demos: Path, prior: Path | None, out: Path
+) -> dict[str, Any]:
+    """Train on the demonstrations, for every condition and training seed.
+
+    The first weights, the order of samples and all noise depend on the root seed and the training seed
+    and not on the condition: the conditions are paired.
+
+    Args:
+        config: See `FinetuneConfig`.
+        policy: What learns; for a prior's weights it must have the prior's sizes.
+        seed: Root seed of the run.
+        demos: Folder of shards.
+        prior: Folder of pretraining, whose last checkpoint is taken.
+        out: Gets one folder ``{condition}-s{training seed}`` each.
+
+    Returns:
+        For each folder's name what `pretrain` returns.
+
+    Raises:
+        GeopriorError: See `geoprior.training.loop.fit`; and where a prior is missing or does not fit.
+    """
+    demonstrations = Demonstrations.load(EpisodeStore(demos))
+    machine = decide_machine(config, out)
+    results = {}
+    for name, condition in config.conditions.items():
+        checkpoint = last_checkpoint(name, prior) if condition.init == "prior" else None
+        for training_seed in config.seeds:
+            folder = out / f"{name}-s{training_seed}"
+            run_seed = integer_seed(seed, "finetune", training_seed)
+            job = Job(f"finetune/{folder.name}", run_seed, condition, checkpoint, folder)
+            results[folder.name] = train(config, job, policy, demonstrations, machine)
+    return results
+
+
+def train(
+    config: TrainConfig, job: Job, choice: Choice, demonstrations: Demonstrations, machine: Machine
+) -> dict[str, Any]:
+    """Set one training up and take it to its end; see `pretrain`."""
+    choice = plugins().resolve("policy", choice)
+    features = demonstrations.features(_chunk(choice))
+    fps = demonstrations.store.fps / config.skip
+    statistics = _statistics(job, demonstrations)
+    policy = build_policy(choice, features, job.seed)
+    transfer = _transfer(job, policy, features, fps)
+    common = config.model_dump(mode="json", include=set(TrainConfig.model_fields) - _SPEED_ONLY)
+    details = {
+        "run": job.run,
+        "seed": job.seed,
+        "config": common,
+        "device": machine.device,
+        "precision": machine.precision,
+        "threads": machine.threads,
+        "data": {"digest": demonstrations.store.digest, "episodes": len(demonstrations.store)},
+        "transfer": transfer,
+    }
+    training = Training(
+        run=job.run,
+        folder=job.folder,
+        config=config,
+        policy=policy,
+        batches=Batches(demonstrations, features, Normaliser(statistics), config, job.seed),
+        episodes=len(demonstrations.store),
+        seed=job.seed,
+        machine=machine,
+        header=CheckpointHeader(choice, features, fps, statistics, 0, 0, details),
+        fingerprint=sha256_json({"policy": choice.model_dump(mode="json"), "fps": fps, **details}),
+    )
+    return fit(training)
+
+
+def build_policy(choice: Choice, features: Features, seed: int) -> nn.Module:
+    """Build a policy whose random weights depend on the seed only."""
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(integer_seed(seed, "init"))
+        policy: nn.Module = plugins().build("policy", choice, features)
+    return policy
+
+
+def last_checkpoint(condition: str, prior: Path | None) -> Path:
+    """The checkpoint that a condition begins from.
+
+    Raises:
+        ConfigError: There is no prior.
+        DataError: Its folder holds no checkpoint.
+    """
+    if prior is None:
+        raise ConfigError(
+            f"condition {condition!r} begins from a prior and none is given", "run `geoprior pretrain`"
+        )
+    checkpoints = list_checkpoints(prior)
+    if not checkpoints:
+        raise DataError(f"{prior}: no checkpoint of pretraining is here", "run `geoprior pretrain`")
+    return checkpoints[-1].path
+
+
+def _chunk(choice: Choice) -> int:
+    options = plugins().options("policy", choice)
+    if not isinstance(options, PolicyOptions):
+        raise PluginError(
+            f"policy {choice.name!r}: its config model is no PolicyOptions",
+            "derive it from geoprior.policies.policy.PolicyOptions",
+        )
+    return options.chunk
+
+
+def _statistics(job: Job, demonstrations: Demonstrations) -> Statistics:
+    kind = job.condition.statistics
+    if job.prior is None or kind == "new":
+        return demonstrations.statistics()
+    pretrained = Normaliser(read_header(job.prior).statistics).statistics
+    return pretrained if kind == "pretrained" else merge(pretrained, demonstrations.statistics())
+
+
+def _transfer(job: Job, policy: nn.Module, features: Features, fps: float) -> dict[str, Any]:
+    """Put the prior's weights into the policy; returns what was done, for the checkpoint's JSON."""
+    taken: dict[str, Any] = job.condition.model_dump(mode="json")
+    if job.prior is None:
+        return {"init": taken["init"]}
+    header = read_header(job.prior)
+    if abs(header.fps - fps) > 1e-6 * fps:
+        raise DataError(
+            f"{job.prior}: the prior acts {header.fps:g} times a second, this training {fps:g} times",
+            "a chunk would span another time; set finetune.skip or pretrain.skip so that the rates agree",
+        )
+    if header.features.pose_size != features.pose_size:
+        raise DataError(
+            f"{job.prior}: the prior's pose has {header.features.pose_size} numbers, this data's "
+            f"{features.pose_size}",
+            "use data with as many hands",
+        )
+    names = load_weights(policy, job.prior, job.condition.weights)
+    taken["tensors"] = len(names)
+    taken["prior"] = {
+        "epoch": header.epoch,
+        "step": header.step,
+        "fingerprint": sha256_json(header.details),
+        "data": header.details["data"]["digest"],
+    }
+    return taken

@@ -1,0 +1,246 @@
+"""Checkpoints come back as they were, or are refused by name."""
+
+import json
+
+import numpy as np
+import pytest
+import torch
+
+from geoprior.errors import ConfigError, DataError
+from geoprior.files import sha256_file
+from geoprior.options import Choice
+from geoprior.policies.checkpoint import (
+    CheckpointHeader,
+    checkpoint_path,
+    list_checkpoints,
+    load_checkpoint,
+    load_predictor,
+    load_weights,
+    save_checkpoint,
+)
+from geoprior.policies.normalise import measure
+from geoprior.policies.policy import Features
+from geoprior.policies.tensors import save_tensors
+
+FEATURES = Features(cameras=("hand", "third"), image_size=(40, 64), pose_size=8, chunk=5)
+OPTIONS = {
+    "chunk": 5,
+    "dim": 16,
+    "heads": 2,
+    "ffn": 24,
+    "encoder_layers": 2,
+    "vae_layers": 1,
+    "latent": 4,
+    "trunk_width": 8,
+}
+
+
+def make_header(**changes):
+    rows = np.random.default_rng(0).normal(size=(20, 8)).astype(np.float32)
+    fields = {
+        "policy": Choice(name="act", options=OPTIONS),
+        "features": FEATURES,
+        "fps": 10.0,
+        "statistics": {"pose": measure([rows]), "action": measure([rows * 2])},
+        "epoch": 3,
+        "step": 12,
+        "details": {"data": {"digest": "abc"}},
+    }
+    return CheckpointHeader(**{**fields, **changes})
+
+
+@pytest.fixture
+def saved(tmp_path, make_act):
+    act = make_act(seed=5)
+    path = checkpoint_path(tmp_path, 3)
+    save_checkpoint(path, act.state_dict(), make_header())
+    return path, act
+
+
+def edit_json(path, **changes):
+    file = path.with_suffix(".json")
+    file.write_text(json.dumps({**json.loads(file.read_text()), **changes}))
+
+
+def replace_weights(path, tensors):
+    """Other tensors with a JSON that vouches for them."""
+    save_tensors(path, tensors, {})
+    edit_json(path, weights={"bytes": path.stat().st_size, "sha256": sha256_file(path)})
+
+
+def test_round_trip_bit_for_bit(saved):
+    path, act = saved
+    assert path.name == "epoch-000003.safetensors"
+    header, tensors = load_checkpoint(path)
+    assert header == make_header()
+    for name, tensor in act.state_dict().items():
+        assert torch.equal(tensors[name], tensor)
+
+
+def test_the_same_weights_give_the_same_bytes(saved, tmp_path):
+    path, act = saved
+    other = checkpoint_path(tmp_path / "again", 3)
+    save_checkpoint(other, act.state_dict(), make_header())
+    assert other.read_bytes() == path.read_bytes()
+    assert other.with_suffix(".json").read_bytes() == path.with_suffix(".json").read_bytes()
+
+
+def test_lists_whole_checkpoints_by_epoch(tmp_path, make_act):
+    assert list_checkpoints(tmp_path / "none") == ()
+    for epoch in (1_000_000, 20, 3):
+        save_checkpoint(checkpoint_path(tmp_path, epoch), make_act().state_dict(), make_header(epoch=epoch))
+    checkpoint_path(tmp_path, 3).with_suffix(".json").unlink()
+    (tmp_path / "epoch-last.safetensors").touch()
+    assert [checkpoint.epoch for checkpoint in list_checkpoints(tmp_path)] == [20, 1_000_000]
+
+
+def test_all_weights_or_the_trunk(saved, make_act):
+    path, act = saved
+    whole, trunk, untouched = make_act(seed=1), make_act(seed=1), make_act(seed=1).state_dict()
+    assert set(load_weights(whole, path)) == set(act.state_dict())
+    load_weights(trunk, path, "trunk")
+    for name, tensor in act.state_dict().items():
+        assert torch.equal(whole.state_dict()[name], tensor)
+        expected = tensor if name.startswith("trunk.") else untouched[name]
+        assert torch.equal(trunk.state_dict()[name], expected)
+
+
+def test_the_trunk_fits_a_policy_of_other_sizes_and_cameras(saved, make_act):
+    path, _ = saved
+    other = Features(cameras=("wrist",), image_size=(96, 96), pose_size=16, chunk=2)
+    assert len(load_weights(make_act(features=other, dim=8), path, "trunk")) == 6 * 20
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5, 0.999])
+def test_truncated_weights(saved, share):
+    path, _ = saved
+    content = path.read_bytes()
+    path.write_bytes(content[: int(share * len(content))])
+    with pytest.raises(DataError, match=r"epoch-000003.safetensors: not the weights.*cut off or changed"):
+        load_checkpoint(path)
+
+
+def test_one_changed_bit(saved):
+    path, _ = saved
+    content = bytearray(path.read_bytes())
+    content[-1] ^= 1
+    path.write_bytes(bytes(content))
+    with pytest.raises(DataError, match="cut off or changed"):
+        load_checkpoint(path)
+
+
+def test_truncated_json(saved):
+    path, _ = saved
+    file = path.with_suffix(".json")
+    file.write_text(file.read_text()[:200])
+    with pytest.raises(DataError, match=r"epoch-000003.json: not readable as JSON"):
+        load_checkpoint(path)
+
+
+def test_missing_halves(saved):
+    path, _ = saved
+    file = path.with_suffix(".json")
+    content = file.read_bytes()
+    file.unlink()
+    with pytest.raises(DataError, match=r"its JSON epoch-000003.json is missing"):
+        load_checkpoint(path)
+    file.write_bytes(content)
+    path.unlink()
+    with pytest.raises(DataError, match="no such checkpoint"):
+        load_checkpoint(path)
+    file.unlink()
+    with pytest.raises(DataError, match=r"epoch-000003.json: no such file"):
+        load_checkpoint(path)
+
+
+def test_foreign_files(saved):
+    path, _ = saved
+    path.with_suffix(".json").write_text('{"type": "act"}')
+    with pytest.raises(DataError, match="not a checkpoint of geoprior"):
+        load_checkpoint(path)
+    path.with_suffix(".json").write_text("[]")
+    with pytest.raises(DataError, match="not a checkpoint of geoprior"):
+        load_checkpoint(path)
+
+
+def test_weights_that_are_not_safetensors(saved):
+    path, _ = saved
+    path.write_bytes(b"PK\x03\x04 a pickle in a zip")
+    edit_json(path, weights={"bytes": path.stat().st_size, "sha256": sha256_file(path)})
+    with pytest.raises(DataError, match="not readable as safetensors"):
+        load_checkpoint(path)
+
+
+def test_other_versions(saved):
+    path, _ = saved
+    edit_json(path, format_version=2, geoprior="9.9")
+    with pytest.raises(DataError, match=r"checkpoint format 2, this geoprior reads 1") as caught:
+        load_checkpoint(path)
+    assert "9.9" in caught.value.hint
+    edit_json(path, format_version=1, normalisation={"std_floor": 0.0})
+    with pytest.raises(DataError, match="key 'normalisation'"):
+        load_checkpoint(path)
+
+
+def test_a_missing_key_is_named(saved):
+    path, _ = saved
+    edit_json(path, features={"cameras": ["hand"]})
+    with pytest.raises(DataError, match="key missing or malformed: 'image_size'"):
+        load_checkpoint(path)
+
+
+def test_missing_extra_and_misshapen_tensors(saved, make_act):
+    path, act = saved
+    tensors = dict(act.state_dict())
+    replace_weights(path, {k: v for k, v in tensors.items() if k != "action_head.bias"})
+    with pytest.raises(DataError, match=r"lacks the tensor 'action_head\.bias'"):
+        load_weights(make_act(), path)
+    with pytest.raises(DataError, match=r"lacks the tensor 'action_head\.bias'"):
+        load_predictor(path)
+    replace_weights(path, {**tensors, "trunk.fc.weight": torch.zeros(2)})
+    for which in ("all", "trunk"):
+        with pytest.raises(DataError, match=r"has the extra tensor 'trunk\.fc\.weight'"):
+            load_weights(make_act(), path, which)
+    replace_weights(path, {**tensors, "action_head.bias": torch.zeros(7)})
+    with pytest.raises(
+        DataError, match=r"'action_head.bias' is torch.float32 \(7,\), the policy's is .* \(8,\)"
+    ):
+        load_weights(make_act(), path)
+
+
+def test_a_refused_checkpoint_changes_nothing(saved, make_act):
+    path, act = saved
+    replace_weights(path, {**act.state_dict(), "vae_head.bias": torch.zeros(7)})
+    fresh = make_act(seed=9)
+    before = {name: tensor.clone() for name, tensor in fresh.state_dict().items()}
+    with pytest.raises(DataError, match=r"vae_head\.bias"):
+        load_weights(fresh, path)
+    assert all(torch.equal(tensor, before[name]) for name, tensor in fresh.state_dict().items())
+
+
+def test_a_renamed_camera(saved, make_act):
+    path, _ = saved
+    other = Features(cameras=("hand", "top"), image_size=(40, 64), pose_size=8, chunk=5)
+    with pytest.raises(DataError, match="trained on the cameras hand, third, this data has hand, top"):
+        load_weights(make_act(features=other), path)
+
+
+def test_missing_statistics(saved):
+    path, _ = saved
+    tree = json.loads(path.with_suffix(".json").read_text())
+    edit_json(path, statistics={"pose": tree["statistics"]["pose"]})
+    with pytest.raises(DataError, match="feature 'action' has no statistics"):
+        load_predictor(path)
+
+
+def test_a_policy_that_is_not_installed(saved):
+    path, _ = saved
+    edit_json(path, policy={"name": "diffusion"})
+    with pytest.raises(ConfigError, match="unknown policy 'diffusion'"):
+        load_predictor(path)
+
+
+def test_an_unwritable_folder(tmp_path, make_act):
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(DataError, match="cannot be written"):
+        save_checkpoint(checkpoint_path(tmp_path / "file", 1), make_act().state_dict(), make_header())

@@ -1,0 +1,115 @@
+"""Raw observations in, commands that obey the pose contract out."""
+
+import numpy as np
+import pytest
+import torch
+
+from geoprior.errors import DataError, NumericalError
+from geoprior.policies.normalise import Normaliser, measure, normalise_images
+from geoprior.policies.policy import Features
+from geoprior.policies.predictor import LoadedPredictor, to_commands
+
+FEATURES = Features(cameras=("hand", "third"), image_size=(40, 64), pose_size=8, chunk=5)
+ROWS = np.random.default_rng(0).normal(size=(30, 8)).astype(np.float32)
+
+
+@pytest.fixture
+def make_predictor(make_act):
+    def make(**options):
+        normaliser = Normaliser({"pose": measure([ROWS]), "action": measure([2 * ROWS + 1])})
+        return LoadedPredictor(make_act(seed=2, **options), FEATURES, 10.0, normaliser)
+
+    return make
+
+
+def observe(count, seed=0, channels=3):
+    rng = np.random.default_rng(seed)
+    frames = {name: rng.integers(256, size=(count, 40, 64, 3), dtype=np.uint8) for name in FEATURES.cameras}
+    if channels == 1:
+        frames = {
+            name: np.where(frame[..., 0] > 127, np.uint8(255), np.uint8(0)) for name, frame in frames.items()
+        }
+    return rng.normal(size=(count, 8)).astype(np.float32), frames
+
+
+def test_commands_obey_the_pose_contract(make_predictor):
+    commands = make_predictor().predict(*observe(3))
+    assert commands.shape == (3, 5, 8)
+    assert commands.dtype == np.float32
+    np.testing.assert_allclose(np.linalg.norm(commands[..., 3:7], axis=-1), 1.0, atol=1e-6)
+    assert set(np.unique(commands[..., 7])) <= {0.0, 1.0}
+
+
+def test_it_is_the_policy_between_normalisation_and_its_inverse(make_predictor, make_act):
+    pose, frames = observe(2)
+    stacked = torch.from_numpy(np.stack([frames["hand"], frames["third"]], axis=1))
+    raw = (
+        make_act(seed=2)
+        .eval()
+        .predict(
+            {
+                "pose": torch.from_numpy((pose - ROWS.mean(0)) / ROWS.std(0)),
+                "images": normalise_images(stacked),
+            }
+        )
+    )
+    expected = raw.numpy() * (2 * ROWS + 1).std(0) + (2 * ROWS + 1).mean(0)
+    found = make_predictor().predict(pose, frames)
+    np.testing.assert_allclose(found[..., :3], expected[..., :3], atol=1e-5)
+
+
+def test_mates_in_the_batch_do_not_matter_in_the_last_bit(make_predictor):
+    predictor = make_predictor()
+    pose, frames = observe(5)
+    together = predictor.predict(pose, frames)
+    for i in (0, 3):
+        alone = predictor.predict(pose[i : i + 1], {name: frame[i : i + 1] for name, frame in frames.items()})
+        assert np.array_equal(alone[0], together[i])
+
+
+def test_binary_frames_are_white_and_black_ones(make_predictor):
+    predictor = make_predictor()
+    pose, frames = observe(2, channels=1)
+    in_colour = {name: np.repeat(frame[..., None], 3, axis=-1) for name, frame in frames.items()}
+    assert np.array_equal(predictor.predict(pose, frames), predictor.predict(pose, in_colour))
+    mixed = {"hand": frames["hand"], "third": in_colour["third"]}
+    assert np.array_equal(predictor.predict(pose, frames), predictor.predict(pose, mixed))
+
+
+def test_the_order_of_the_mapping_does_not_matter(make_predictor):
+    predictor = make_predictor()
+    pose, frames = observe(2)
+    assert np.array_equal(
+        predictor.predict(pose, frames), predictor.predict(pose, dict(reversed(frames.items())))
+    )
+
+
+def test_wrong_observations_are_named(make_predictor):
+    predictor = make_predictor()
+    pose, frames = observe(2)
+    with pytest.raises(DataError, match="looks through the cameras hand, third; it was given hand"):
+        predictor.predict(pose, {"hand": frames["hand"]})
+    with pytest.raises(DataError, match=r"pose: expected \(B, 8\), found \(2, 7\)"):
+        predictor.predict(pose[:, :7], frames)
+    with pytest.raises(DataError, match="camera 'third': expected uint8"):
+        predictor.predict(pose, {**frames, "third": frames["third"][:, :20]})
+    with pytest.raises(DataError, match="camera 'hand': expected uint8"):
+        predictor.predict(pose, {**frames, "hand": frames["hand"].astype(np.float32)})
+
+
+def test_an_action_that_is_not_finite_is_an_error(make_act):
+    act = make_act()
+    with torch.no_grad():
+        act.action_head.bias[0] = torch.nan
+    normaliser = Normaliser({"pose": measure([ROWS]), "action": measure([ROWS])})
+    with pytest.raises(NumericalError, match="not finite"):
+        LoadedPredictor(act, FEATURES, 10.0, normaliser).predict(*observe(1))
+
+
+def test_two_hands_are_treated_alike():
+    actions = np.arange(32, dtype=np.float32).reshape(2, 16) - 7.0
+    actions[:, 7], actions[:, 15] = 0.49, 0.51
+    commands = to_commands(actions)
+    assert commands[:, [7, 15]].tolist() == [[0.0, 1.0], [0.0, 1.0]]
+    np.testing.assert_allclose(np.linalg.norm(commands[:, 11:15], axis=-1), 1.0, atol=1e-6)
+    np.testing.assert_array_equal(commands[:, 8:11], actions[:, 8:11])

@@ -1,0 +1,158 @@
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from training_material import SIZE, FakeStore, make_demonstration
+
+from geoprior.errors import DataError
+from geoprior.policies.normalise import Normaliser, normalise_images
+from geoprior.shards.reader import EpisodeStore
+from geoprior.training.config import TrainConfig
+from geoprior.training.data import Batches, Demonstrations, chunk_of
+from geoprior.training.frames import add_noise, shift_frames
+
+
+def make_batches(store, seed=0, chunk=4, **options):
+    demonstrations = Demonstrations.load(store)
+    config = TrainConfig(**{"batch_size": 7, "image_noise": 0.0, "prefetch": 0, **options})
+    normaliser = Normaliser(demonstrations.statistics())
+    return Batches(demonstrations, demonstrations.features(chunk), normaliser, config, seed), normaliser
+
+
+def same(first, second):
+    return first.keys() == second.keys() and all(torch.equal(first[name], second[name]) for name in first)
+
+
+@given(length=st.integers(1, 20), chunk=st.integers(1, 12), skip=st.integers(1, 5), data=st.data())
+def test_a_chunk_takes_every_skipth_action_and_marks_what_is_past_the_end(length, chunk, skip, data):
+    time = data.draw(st.integers(0, length - 1))
+    actions = np.arange(length, dtype=np.float32)[:, None]
+    found, valid = chunk_of(actions, time, chunk, skip)
+    for i in range(chunk):
+        wanted = time + i * skip
+        assert valid[i] == (wanted < length)
+        assert found[i, 0] == min(wanted, length - 1)
+    assert valid[0]
+
+
+def test_a_batch_holds_what_the_episodes_hold(fake_store):
+    batches, normaliser = make_batches(fake_store)
+    batch = batches.batch(2)
+    samples = batches._order.samples(14, 7)
+    for row, (episode, time) in enumerate(samples):
+        source = fake_store.episodes[episode]
+        pose = normaliser.denormalise("pose", batch["pose"][row].numpy())
+        np.testing.assert_allclose(pose, source.pose[time], atol=1e-6)
+        action = normaliser.denormalise("action", batch["action"][row, 0].numpy())
+        np.testing.assert_allclose(action, source.action[time], atol=1e-6)
+        frames = np.stack([source.images[name][time] for name in fake_store.cameras])
+        expected = normalise_images(torch.from_numpy(frames[..., None]))
+        assert torch.equal(batch["images"][row], expected)
+
+
+def test_a_batch_depends_on_seed_and_step_only(fake_store):
+    batches, _ = make_batches(fake_store, image_noise=0.1, image_shift=3)
+    third = batches.batch(3)
+    batches.batch(1)
+    again, _ = make_batches(fake_store, image_noise=0.1, image_shift=3)
+    assert same(again.batch(3), third)
+    other, _ = make_batches(fake_store, seed=1, image_noise=0.1, image_shift=3)
+    assert not same(other.batch(3), third)
+
+
+@pytest.mark.parametrize("prefetch", [1, 3, 64])
+def test_reading_ahead_changes_nothing(fake_store, prefetch):
+    alone, _ = make_batches(fake_store, image_noise=0.1)
+    ahead, _ = make_batches(fake_store, image_noise=0.1, prefetch=prefetch)
+    found = list(ahead.stream(2, 9))
+    assert len(found) == 7
+    assert all(same(a, b) for a, b in zip(found, alone.stream(2, 9), strict=True))
+
+
+def test_a_fault_while_reading_ahead_is_raised(fake_store):
+    batches, _ = make_batches(fake_store, prefetch=2)
+
+    def broken(i, camera, steps):
+        raise DataError(f"episode {i} is damaged")
+
+    fake_store.frames = broken
+    with pytest.raises(DataError, match="is damaged"):
+        list(batches.stream(0, 4))
+
+
+def test_shards_give_what_memory_gives(fake_store, demos):
+    from_disk, _ = make_batches(EpisodeStore(demos), image_noise=0.05)
+    from_memory, _ = make_batches(fake_store, image_noise=0.05)
+    assert same(from_disk.batch(1), from_memory.batch(1))
+
+
+def test_binary_and_colour_cameras_share_a_batch():
+    colour = [make_demonstration(index, channels=3) for index in range(3)]
+    mixed = [make_demonstration(index, channels=3) for index in range(3)]
+    for episode in mixed:
+        episode.images["hand"] = episode.images["hand"][..., 0]
+    batches = [make_batches(FakeStore(episodes))[0].batch(0) for episodes in (colour, mixed)]
+    assert same(*batches)
+
+
+@pytest.mark.parametrize("frame_cache_mb", [0, 1])
+def test_kept_frames_are_those_on_disk(fake_store, frame_cache_mb):
+    calls = []
+    frames = fake_store.frames
+    fake_store.frames = lambda *arguments: calls.append(1) or frames(*arguments)
+    batches, _ = make_batches(fake_store, frame_cache_mb=frame_cache_mb)
+    first, cold = batches.batch(3), len(calls)
+    assert same(batches.batch(3), first)
+    assert len(calls) == (cold if frame_cache_mb else 2 * cold)
+
+
+def test_a_full_cache_reads_again(fake_store):
+    free, _ = make_batches(fake_store, frame_cache_mb=1)
+    full, _ = make_batches(fake_store, frame_cache_mb=1)
+    full._frames._room = 3 * SIZE * SIZE
+    assert all(same(free.batch(step), full.batch(step)) for step in (0, 1, 0))
+    assert len(full._frames._kept) == 3
+
+
+def test_noise_is_normal_with_the_standard_deviation_asked_for():
+    frames = np.full((50, 2, 32, 32, 3), 128, np.uint8)
+    noise = (add_noise(frames, 0.08, np.random.default_rng(0)).numpy().ravel() - 128) / 255
+    assert noise.std() == pytest.approx(0.08, rel=0.01)
+    assert abs(noise.mean()) < 0.0005
+    for sigmas, share in ((1.0, 0.6827), (2.0, 0.9545)):
+        assert np.mean(abs(noise) < 0.08 * sigmas) == pytest.approx(share, abs=0.006)
+    assert abs(np.corrcoef(noise[1:], noise[:-1])[0, 1]) < 0.01
+
+
+def test_no_noise_leaves_the_bytes():
+    frames = np.arange(24, dtype=np.uint8).reshape(1, 2, 2, 2, 3)
+    clean = add_noise(frames, 0.0, np.random.default_rng(0))
+    assert clean.dtype == torch.uint8
+    assert np.array_equal(clean.numpy(), frames)
+
+
+def test_shifts_move_each_frame_by_itself_and_repeat_the_edge():
+    rng = np.random.default_rng(0)
+    frames = rng.integers(256, size=(6, 2, 9, 11, 3), dtype=np.uint8)
+    shifted = shift_frames(frames, 2, np.random.default_rng(1))
+    padded = np.pad(frames, ((0, 0), (0, 0), (2, 2), (2, 2), (0, 0)), mode="edge")
+    places = set()
+    for b in range(6):
+        for c in range(2):
+            found = [
+                (row, column)
+                for row in range(5)
+                for column in range(5)
+                if np.array_equal(padded[b, c, row : row + 9, column : column + 11], shifted[b, c])
+            ]
+            assert len(found) == 1
+            places.update(found)
+    assert len(places) > 3
+
+
+def test_statistics_are_those_of_the_raw_rows(fake_store):
+    statistics = Demonstrations.load(fake_store).statistics()
+    rows = np.concatenate([episode.action for episode in fake_store.episodes]).astype(np.float64)
+    np.testing.assert_allclose(statistics["action"].mean, rows.mean(0), atol=1e-12)
+    assert statistics["pose"].count == len(rows)
