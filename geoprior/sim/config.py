@@ -1,0 +1,71 @@
+"""What a run says about demonstrations and rollouts. Light: loaded by `geoprior config show`."""
+
+from __future__ import annotations
+
+from pydantic import Field, field_validator
+
+from geoprior.options import Options
+
+SIMULATION_RATE = 500
+"""Physics steps a second, fixed by robosuite; a control rate divides it, or the control steps drift."""
+
+
+class DemosConfig(Options):
+    """Scripted demonstrations in simulation."""
+
+    episodes: int = Field(20, ge=1, le=100_000, description="Successful demonstrations to collect.")
+    first_state: int = Field(
+        0, ge=0, lt=2**62, description="Initial-state seed of the first attempt; the next ones count on."
+    )
+    attempts_per_episode: int = Field(
+        3, ge=1, le=100, description="Attempts allowed for each demonstration wanted, over all of them."
+    )
+    control_rate: int = Field(10, ge=1, le=SIMULATION_RATE, description="Commands a second; divides 500.")
+
+    @property
+    def max_attempts(self) -> int:
+        """Attempts allowed in all: the initial states from ``first_state`` on that may be used."""
+        return self.episodes * self.attempts_per_episode
+
+    @field_validator("control_rate")
+    @classmethod
+    def _divides(cls, rate: int) -> int:
+        if SIMULATION_RATE % rate:
+            raise ValueError(f"must divide {SIMULATION_RATE}: 10, 20, 25 and 50 do")
+        return rate
+
+
+class EvaluateConfig(Options):
+    """Rollouts of checkpoints on unseen initial states, the same ones for every checkpoint."""
+
+    trials: int = Field(30, ge=1, le=100_000, description="Initial states, and so trials of each checkpoint.")
+    first_state: int = Field(
+        1_000_000,
+        ge=0,
+        lt=2**62,
+        description="Initial-state seed of the first trial; the next ones count on.",
+    )
+    ensembling: float | None = Field(
+        0.01,
+        ge=-1.0,
+        le=10.0,
+        description="Temporal ensembling: a prediction of age rank i, 0 for the oldest, weighs "
+        "exp(-ensembling * i). null: carry out chunks open-loop.",
+    )
+    execute: int = Field(
+        8, ge=1, le=1000, description="Without ensembling: actions of a chunk before the policy looks again."
+    )
+    time_limit: float | None = Field(
+        None, gt=0.0, le=600.0, description="Seconds that a trial may take; null takes the task's own limit."
+    )
+    films: int = Field(
+        2, ge=0, le=100, description="Trials to film of every condition's last checkpoint, the first ones."
+    )
+    film_size: int = Field(
+        192, ge=32, le=1024, multiple_of=2, description="Rows and columns of each of a film's two views."
+    )
+
+    @property
+    def states(self) -> range:
+        """The initial-state seeds."""
+        return range(self.first_state, self.first_state + self.trials)

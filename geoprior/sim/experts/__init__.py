@@ -1,0 +1,1 @@
+"""Scripted experts. They see the simulator's state; policies never do."""

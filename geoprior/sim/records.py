@@ -1,0 +1,102 @@
+"""``rollouts.jsonl``: one line a trial, written as the trials end, in order when all are there."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import asdict, dataclass, fields
+from typing import TYPE_CHECKING
+
+from geoprior.errors import DataError
+from geoprior.files import write_bytes
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+    from pathlib import Path
+
+
+@dataclass(frozen=True, order=True)
+class TrialRecord:
+    """One trial.
+
+    Attributes:
+        robot: Registered name.
+        task: Registered name.
+        condition: What the policy was made from, for example ``scratch`` or ``prior``.
+        training_seed: Of its fine-tuning.
+        epoch: Of the checkpoint.
+        state_seed: Initial state.
+        success: Whether the goal was reached and held.
+        reason: Of the failure; empty on success. ``time-out``, ``unstable physics``, ``NaN action``, or the
+            task's own, such as ``dropped``.
+        steps: Commands carried out.
+        seconds: Simulated time of the episode; wall time is not recorded, so that a record is the same
+            whoever made it.
+        film: Path of its film within the run folder, or empty.
+    """
+
+    robot: str
+    task: str
+    condition: str
+    training_seed: int
+    epoch: int
+    state_seed: int
+    success: bool
+    reason: str
+    steps: int
+    seconds: float
+    film: str = ""
+
+    @property
+    def key(self) -> tuple[str, int, int, int]:
+        """What tells the trials of one file apart."""
+        return self.condition, self.training_seed, self.epoch, self.state_seed
+
+    def line(self) -> bytes:
+        """The record as a line of JSON."""
+        return json.dumps(asdict(self), sort_keys=True, allow_nan=False).encode() + b"\n"
+
+
+def read_records(path: Path) -> list[TrialRecord]:
+    """Read the file as far as it is whole; an unfinished last line, left by a kill, is cut off.
+
+    Raises:
+        DataError: Another line is not a record; it is named.
+    """
+    if not path.exists():
+        return []
+    content = path.read_bytes()
+    whole = content[: content.rfind(b"\n") + 1]
+    if len(whole) < len(content):
+        with path.open("r+b") as file:
+            file.truncate(len(whole))
+    return [_parse(path, number, line) for number, line in enumerate(whole.splitlines(), start=1)]
+
+
+def append_record(path: Path, record: TrialRecord) -> None:
+    """Add a line and make sure that it is on the disk."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open("ab") as file:
+            file.write(record.line())
+            file.flush()
+            os.fsync(file.fileno())
+    except OSError as error:
+        raise DataError(f"{path}: cannot be written ({error.strerror or error})", "make room") from error
+
+
+def write_records(path: Path, records: Iterable[TrialRecord]) -> None:
+    """Replace the file by the records in order."""
+    write_bytes(path, b"".join(record.line() for record in sorted(records)))
+
+
+def _parse(path: Path, number: int, line: bytes) -> TrialRecord:
+    remedy = f"delete {path} and run the same command again"
+    try:
+        tree = json.loads(line)
+    except ValueError as error:
+        raise DataError(f"{path}:{number}: not JSON", remedy) from error
+    names = {field.name for field in fields(TrialRecord)}
+    if not isinstance(tree, dict) or set(tree) != names:
+        raise DataError(f"{path}:{number}: not the record of a trial", remedy)
+    return TrialRecord(**tree)

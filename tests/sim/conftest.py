@@ -1,0 +1,32 @@
+from __future__ import annotations
+
+import pytest
+
+from geoprior.geometry.camera import CamerasConfig
+from geoprior.hooks.manager import plugins
+from geoprior.options import Choice
+
+SIZE = 64
+
+
+@pytest.fixture(scope="session")
+def cameras() -> CamerasConfig:
+    return CamerasConfig(height=SIZE, width=SIZE)
+
+
+@pytest.fixture(scope="session")
+def pick() -> Choice:
+    return plugins().resolve("task", Choice(name="pick"))
+
+
+@pytest.fixture(scope="session")
+def ur5e() -> Choice:
+    return plugins().resolve("robot", Choice(name="ur5e"))
+
+
+@pytest.fixture(scope="session")
+def env(ur5e, pick, cameras):
+    """The UR5e at its table, built once; every test resets it."""
+    from geoprior.sim.workers import environment
+
+    return environment(ur5e, pick, cameras, 10)

@@ -1,0 +1,79 @@
+"""Predictors without a network, named as what they are, for the rollout tests. Importable by workers."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from geoprior.errors import NumericalError
+from geoprior.geometry.camera import CamerasConfig
+from geoprior.options import Choice
+from geoprior.policies.policy import Features
+from geoprior.sim.environment import Environment
+from geoprior.sim.workers import environment
+
+SIZE = 64
+ROBOT, TASK = Choice(name="ur5e"), Choice(name="pick")
+CAMERAS = CamerasConfig(height=SIZE, width=SIZE)
+
+
+class HoldStill:
+    """Says the present pose, a chunk of it."""
+
+    features = Features(cameras=("hand", "third"), image_size=(SIZE, SIZE), pose_size=8, chunk=4)
+    fps = 10.0
+
+    def predict(self, pose: np.ndarray, images: Mapping[str, np.ndarray]) -> np.ndarray:
+        assert sorted(images) == ["hand", "third"]
+        assert all(frames.shape == (1, SIZE, SIZE, 3) for frames in images.values())
+        return np.repeat(pose[:, None], 4, axis=1)
+
+
+class NotFinite(HoldStill):
+    """Breaks down at the third look."""
+
+    looks = 0
+
+    def predict(self, pose: np.ndarray, images: Mapping[str, np.ndarray]) -> np.ndarray:
+        self.looks += 1
+        chunk = super().predict(pose, images)
+        return chunk * np.float32("nan") if self.looks > 2 else chunk
+
+
+class RefusesToSay(HoldStill):
+    """Raises, as a loaded checkpoint does when its network's output is not finite."""
+
+    def predict(self, pose: np.ndarray, images: Mapping[str, np.ndarray]) -> np.ndarray:
+        raise NumericalError("not finite")
+
+
+class Expert(HoldStill):
+    """The scripted expert behind the face of a policy: it looks at the simulator, not at the observation."""
+
+    commands: Iterator[np.ndarray]
+    last: np.ndarray
+
+    def __init__(self, env: Environment) -> None:
+        self.env = env
+
+    def predict(self, pose: np.ndarray, images: Mapping[str, np.ndarray]) -> np.ndarray:
+        if self.env.seconds == 0.0:
+            self.commands = self.env.expert(seed=0)
+            self.last = pose[0]
+        self.last = next(self.commands, self.last)
+        return self.last[None, None]
+
+
+def load(path: Path):
+    """A predictor by the name of its file; ``dies-once`` kills its worker the first time it is loaded."""
+    if path.stem == "dies-once" and not path.exists():
+        path.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    if path.stem == "expert":
+        return Expert(environment(ROBOT, TASK, CAMERAS, 10))
+    kinds = {"still": HoldStill, "nan": NotFinite, "silent": RefusesToSay}
+    return kinds.get(path.stem, HoldStill)()

@@ -1,0 +1,64 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from geoprior.geometry.camera import CamerasConfig
+from geoprior.options import Choice
+from geoprior.shards.episode import validate_poses
+from geoprior.sim.demos import AttemptTask, record_expert
+from geoprior.sim.experts.path import Waypoint, follow, hand_down
+from geoprior.sim.workers import environment
+
+
+def _task(robot: str, number: int, cameras: CamerasConfig) -> AttemptTask:
+    return AttemptTask(
+        number, number, Choice(name=robot), Choice(name="pick"), cameras, 10, 0, Path("unused")
+    )
+
+
+def test_path_is_smooth_and_ends_at_its_waypoints():
+    start = np.array([0.0, 0.0, 0.25, np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0, 0.0], dtype=np.float32)
+    points = [
+        Waypoint(np.array([0.1, 0.1, 0.1]), hand_down(0.7), 0.0, 0.2),
+        Waypoint(np.array([0.1, 0.1, 0.02]), hand_down(0.7), 1.0, 0.1, wait=4),
+    ]
+    commands = np.array(list(follow(start, points, 50)))
+    speeds = np.linalg.norm(np.diff(commands[:, :3], axis=0), axis=1) * 50.0
+    assert speeds.max() < 1.9 * 0.2 * 1.05
+    assert np.abs(np.diff(speeds)).max() < 0.06
+    np.testing.assert_allclose(commands[-4:, :3], np.tile([0.1, 0.1, 0.02], (4, 1)), atol=1e-6)
+    up = Rotation.from_quat(commands[-1, 3:7]).as_matrix()[:, 1]
+    np.testing.assert_allclose(up, [np.cos(0.7), np.sin(0.7), 0.0], atol=1e-6)
+    assert (np.sum(commands[1:, 3:7] * commands[:-1, 3:7], axis=1) > 0.99).all()
+    closed = commands[:, 7]
+    assert set(closed) == {0.0, 1.0}
+    assert (np.diff(closed) >= 0.0).all()
+
+
+def test_demonstrations_succeed_vary_and_obey_the_contract(env, cameras):
+    lengths, heights = [], []
+    for number in range(3):
+        episode, reason, steps = record_expert(env, _task("ur5e", number, cameras))
+        assert episode is not None, (number, reason)
+        episode.validate()
+        validate_poses(episode.header, "action", episode.action)
+        assert episode.header.steps == steps == len(episode.pose)
+        assert episode.header.seed == number
+        assert abs(episode.action[:, :3] - episode.pose[:, :3]).max() < 0.1
+        lengths.append(steps)
+        heights.append(episode.action[-1, 2])
+    assert len(set(lengths)) > 1
+    assert np.ptp(heights) > 0.002
+    assert 30 < np.mean(lengths) < 65
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("robot", ["ur5e", "xarm7", "kinova3"])
+def test_expert_succeeds_on_95_of_100_states(robot, pick, cameras):
+    env = environment(Choice(name=robot), pick, cameras, 10)
+    outcomes = [record_expert(env, _task(robot, number, cameras))[1] for number in range(100)]
+    assert sum(not reason for reason in outcomes) >= 95, outcomes

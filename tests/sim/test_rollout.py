@@ -1,0 +1,137 @@
+from __future__ import annotations
+
+import shutil
+import time
+from pathlib import Path
+
+import pytest
+from scripted_predictors import CAMERAS, ROBOT, TASK, load
+
+from geoprior.errors import DataError, MachineError
+from geoprior.executors.local import LocalConfig, LocalExecutor, SerialExecutor
+from geoprior.sim import rollout
+from geoprior.sim.config import EvaluateConfig
+from geoprior.sim.records import read_records
+from geoprior.sim.rollout import CheckpointRef, evaluate, find_checkpoints
+
+CONFIG = EvaluateConfig(trials=2, first_state=500, time_limit=0.4, films=1, film_size=64)
+
+
+def _refs(folder: Path, *stems: str) -> list[CheckpointRef]:
+    return [
+        CheckpointRef("prior" if stem == "expert" else "scratch", 0, epoch, folder / f"{stem}.safetensors")
+        for epoch, stem in enumerate(stems, start=1)
+    ]
+
+
+def _evaluate(out: Path, refs, executor=None, config: EvaluateConfig = CONFIG, task=TASK):
+    return evaluate(
+        config,
+        robot=ROBOT,
+        task=task,
+        cameras=CAMERAS,
+        seed=0,
+        checkpoints=refs,
+        executor=executor or SerialExecutor(),
+        out=out,
+        load=load,
+    )
+
+
+class StopsAfter(SerialExecutor):
+    """Interrupted after some trials."""
+
+    def __init__(self, count: int) -> None:
+        self.count = count
+
+    def run(self, function, items):
+        for number, result in enumerate(super().run(function, items)):
+            if number == self.count:
+                raise KeyboardInterrupt
+            yield result
+
+
+@pytest.fixture
+def refs(env, tmp_path) -> list[CheckpointRef]:
+    return _refs(tmp_path, "still", "nan", "expert")
+
+
+def test_conditions_meet_the_same_states_and_films_show_the_last_checkpoints(refs, tmp_path):
+    out = tmp_path / "run"
+    facts = _evaluate(out, refs, config=CONFIG.model_copy(update={"time_limit": 6.0}))
+    records = read_records(out / "rollouts.jsonl")
+    assert facts == {"trials": 6, "successes": 2}
+    assert records == sorted(records)
+    by_epoch = {epoch: [r for r in records if r.epoch == epoch] for epoch in (1, 2, 3)}
+    assert all([r.state_seed for r in rows] == [500, 501] for rows in by_epoch.values())
+    assert [r.reason for r in by_epoch[1]] == ["time-out"] * 2
+    assert [r.reason for r in by_epoch[2]] == ["NaN action"] * 2
+    assert all(r.success and r.reason == "" for r in by_epoch[3])
+    assert all(r.seconds == r.steps / 10 for r in records)
+    films = sorted(r.film for r in records if r.film)
+    assert films == [
+        "films/prior-s0-epoch-000003-state-500.webm",
+        "films/scratch-s0-epoch-000002-state-500.webm",
+    ]
+    assert all((out / film).stat().st_size > 0 for film in films)
+
+
+@pytest.mark.parametrize("count", [0, 1, 3])
+def test_interrupted_evaluation_goes_on_to_the_same_bytes(env, tmp_path, count):
+    refs = _refs(tmp_path, "still", "silent")
+    _evaluate(tmp_path / "whole", refs)
+    with pytest.raises(KeyboardInterrupt):
+        _evaluate(tmp_path / "cut", refs, StopsAfter(count))
+    path = tmp_path / "cut" / "rollouts.jsonl"
+    assert len(read_records(path)) == count
+    if count:
+        path.write_bytes(path.read_bytes() + path.read_bytes()[:33])
+    _evaluate(tmp_path / "cut", refs)
+    assert path.read_bytes() == (tmp_path / "whole" / "rollouts.jsonl").read_bytes()
+    _evaluate(tmp_path / "cut", refs, StopsAfter(0))
+
+
+def test_records_of_another_evaluation_are_refused(env, tmp_path):
+    refs = _refs(tmp_path, "still")
+    _evaluate(tmp_path, refs)
+    with pytest.raises(DataError, match="not wanted"):
+        _evaluate(tmp_path, refs, config=CONFIG.model_copy(update={"first_state": 501}))
+
+
+def test_killed_worker_is_a_fault_of_the_machine_and_the_same_call_goes_on(env, tmp_path):
+    """One worker is killed as the out-of-memory killer does it: an error, no hang, the same records after."""
+    steady, doomed = _refs(tmp_path, "still", "dies-once")
+    _evaluate(tmp_path / "whole", [steady, doomed.__class__("scratch", 0, 2, tmp_path / "still.safetensors")])
+    out, executor = tmp_path / "run", LocalExecutor(LocalConfig(workers=1))
+    begun = time.monotonic()
+    with pytest.raises(MachineError, match="worker process died"):
+        _evaluate(out, [steady, doomed], executor)
+    assert time.monotonic() - begun < 60.0
+    kept = read_records(out / "rollouts.jsonl")
+    assert [record.epoch for record in kept] == [1, 1]
+    _evaluate(out, [steady, doomed], executor)
+    whole = (tmp_path / "whole" / "rollouts.jsonl").read_bytes()
+    assert (out / "rollouts.jsonl").read_bytes() == whole
+
+
+def test_policy_at_a_rate_that_does_not_divide_the_physics_is_refused(env, tmp_path, monkeypatch):
+    monkeypatch.setattr(type(load(Path("still"))), "fps", 30.0)
+    rollout._predictor.cache_clear()
+    with pytest.raises(Exception, match="30 times a second"):
+        _evaluate(tmp_path, _refs(tmp_path, "still"))
+    rollout._predictor.cache_clear()
+
+
+def test_checkpoints_are_found_by_condition_and_seed(tmp_path):
+    with pytest.raises(DataError, match="no checkpoints"):
+        find_checkpoints(tmp_path)
+    for name in ("scratch-s1", "prior-s0", "same-environment-s2", "notes"):
+        folder = tmp_path / name
+        folder.mkdir()
+        for ending in ("safetensors", "json"):
+            (folder / f"epoch-000064.{ending}").touch()
+    (tmp_path / "prior-s0" / "epoch-000128.safetensors").touch()
+    found = [(ref.condition, ref.training_seed, ref.epoch) for ref in find_checkpoints(tmp_path)]
+    assert found == [("prior", 0, 64), ("same-environment", 2, 64), ("scratch", 1, 64)]
+    shutil.rmtree(tmp_path / "prior-s0")
+    assert len(find_checkpoints(tmp_path)) == 2
