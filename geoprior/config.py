@@ -5,18 +5,17 @@ The order of precedence, lowest first: defaults, the file named by ``extends:``,
 
 from __future__ import annotations
 
-import difflib
-import os
-from collections.abc import Iterable, Mapping, Sequence
-from importlib import resources
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self, get_args
 
 import yaml
 from pydantic import BaseModel, Field, ValidationError, model_validator
 
+from geoprior.config_tree import apply_override, find_config, read_tree, suggest
 from geoprior.errors import ConfigError
 from geoprior.geometry.camera import CamerasConfig
+from geoprior.hooks.manager import GROUP as PACKAGE
 from geoprior.hooks.manager import Plugins
 from geoprior.options import Choice, Options
 from geoprior.shards.config import GenerateConfig
@@ -50,7 +49,7 @@ class RunConfig(Options):
     generate: GenerateConfig = Field(default=GenerateConfig(), description="The geometric data set.")
     policy: Choice = Field(default=Choice(name="act"), description="What learns.")
     pretrain: PretrainConfig = Field(
-        default=PretrainConfig(), description="Training on the geometric data set."
+        default=PretrainConfig(), description="How the prior is made from the geometric data set."
     )
     robot: Choice = Field(default=Choice(name="ur5e"), description="The arm.")
     task: Choice = Field(default=Choice(name="pick"), description="The downstream task.")
@@ -102,98 +101,8 @@ def load_config(source: str | Path, overrides: Sequence[str], plugins: Plugins) 
         return config
     tree = config.model_dump(mode="json")
     for override in overrides:
-        tree = apply_override(tree, override)
+        tree = _spell_names_out(apply_override(tree, override))
     return resolve(validate(tree, "--set"), plugins, "--set")
-
-
-def find_config(source: str | Path) -> Path:
-    """The path of a config file or of a packaged config named by its stem.
-
-    Raises:
-        ConfigError: There is neither; the hint shows the packaged ones and the nearest.
-    """
-    path = Path(source)
-    if path.is_file():
-        return path
-    packaged = packaged_configs()
-    name = str(source).removesuffix(".yaml").removeprefix("configs/")
-    if name in packaged:
-        return packaged[name]
-    raise ConfigError(f"{source}: no such config file", _suggest(name, packaged, "packaged configs"))
-
-
-def packaged_configs() -> dict[str, Path]:
-    """The configs that ship with geoprior, by name."""
-    root = Path(str(resources.files("geoprior"))) / "configs"
-    files = sorted([*root.glob("*.yaml"), *root.glob("*/*.yaml")])
-    return {str(file.relative_to(root).with_suffix("")): file for file in files}
-
-
-def read_tree(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
-    """Read a YAML file and the files that it extends into one tree; mappings merge, lists replace.
-
-    Raises:
-        ConfigError: Not readable, not YAML, a key twice, or files that extend each other in a ring.
-    """
-    real = path.resolve()
-    if real in seen:
-        ring = " -> ".join(str(file) for file in (*seen, real))
-        raise ConfigError(f"{path}: files extend each other in a ring: {ring}", "break the ring")
-    tree = _read_yaml(path)
-    base = tree.pop("extends", None)
-    if base is None:
-        return tree
-    if not isinstance(base, str):
-        raise ConfigError(f"{path}: key 'extends': expected the name of one config file")
-    beside = path.parent / base
-    return merge(read_tree(beside if beside.is_file() else find_config(base), (*seen, real)), tree)
-
-
-def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
-    """``base`` with ``over`` laid on top: mappings merge, everything else replaces.
-
-    A mapping that names another plug-in replaces the whole mapping: options of one plug-in mean nothing
-    to the next.
-    """
-    merged = dict(base)
-    for key, value in over.items():
-        below = merged.get(key)
-        both_map = isinstance(below, Mapping) and isinstance(value, Mapping)
-        renamed = both_map and "name" in value and value["name"] != below.get("name")
-        merged[key] = merge(below, value) if both_map and not renamed else value
-    return merged
-
-
-def apply_override(tree: Mapping[str, Any], override: str) -> dict[str, Any]:
-    """The tree with one ``a.b=c`` applied; list items go by number, as in ``generate.motions.0.name``.
-
-    Raises:
-        ConfigError: No ``=``, not YAML, or a key that does not exist.
-    """
-    key, separator, text = override.partition("=")
-    if not separator or not key:
-        raise ConfigError(f"--set {override}: expected KEY=VALUE", "for example --set generate.episodes=50")
-    try:
-        value = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise ConfigError(f"--set {override}: the value is not YAML ({_problem(error)})") from error
-    return dict(_replaced(tree, key.split("."), value, override))
-
-
-def _replaced(node: Any, keys: Sequence[str], value: Any, override: str) -> Any:
-    if not keys:
-        return value
-    key, rest = keys[0], keys[1:]
-    if isinstance(node, Mapping):
-        if key not in node:
-            raise ConfigError(f"--set {override}: there is no key {key!r}", _suggest(key, node, "keys"))
-        return {**node, key: _replaced(node[key], rest, value, override)}
-    if isinstance(node, list):
-        if not key.isdecimal() or int(key) >= len(node):
-            raise ConfigError(f"--set {override}: {key!r} is not one of the {len(node)} items, from 0")
-        place = int(key)
-        return [*node[:place], _replaced(node[place], rest, value, override), *node[place + 1 :]]
-    raise ConfigError(f"--set {override}: there are no keys under a plain value", f"leave out {key!r}")
 
 
 def validate(tree: Mapping[str, Any], where: str) -> RunConfig:
@@ -211,7 +120,7 @@ def validate(tree: Mapping[str, Any], where: str) -> RunConfig:
         message = f"{where}: " + (f"key {key!r}: " if key else "") + _plain(first["msg"])
         hint = ""
         if first["type"] == "extra_forbidden":
-            hint = _suggest(str(first["loc"][-1]), _fields_at(first["loc"][:-1]), "keys")
+            hint = suggest(str(first["loc"][-1]), _fields_at(first["loc"][:-1]), "keys")
         elif key:
             hint = f"found {first['input']!r}; `geoprior config schema` describes every key"
         if len(faults) > 1:
@@ -226,19 +135,22 @@ def resolve(config: RunConfig, plugins: Plugins, where: str) -> RunConfig:
         ConfigError: A name or an option is unknown.
     """
     tree = config.model_dump(mode="json")
-    for keys, kind in KINDS.items():
-        parent = tree
-        for key in keys[:-1]:
-            parent = parent[key]
-        value = parent[keys[-1]]
+    for keys, kind, choice in _named(tree):
         try:
-            if isinstance(value, list):
-                parent[keys[-1]] = [_resolved(plugins, kind, item) for item in value]
-            else:
-                parent[keys[-1]] = _resolved(plugins, kind, value)
+            choice.update(plugins.resolve(kind, Choice.model_validate(choice)).model_dump(mode="json"))
         except ConfigError as error:
-            raise ConfigError(f"{where}: key {'.'.join(keys)!r}: {error.message}", error.hint) from error
+            raise ConfigError(f"{where}: key {keys!r}: {error.message}", error.hint) from error
     return RunConfig.model_validate(tree)
+
+
+def plugins_named(tree: Mapping[str, Any], plugins: Plugins) -> dict[str, str]:
+    """Package and version of every third-party plug-in that a resolved tree, or a part of it, names."""
+    found: dict[str, str] = {}
+    for _, kind, choice in _named(tree):
+        plugin = plugins.plugin_of(kind, choice["name"])
+        if plugin.package != PACKAGE:
+            found[f"{kind} {choice['name']}"] = f"{plugin.package} {plugin.version}"
+    return found
 
 
 def to_yaml(config: BaseModel) -> str:
@@ -246,68 +158,36 @@ def to_yaml(config: BaseModel) -> str:
     return yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False, width=100)
 
 
-def differences(old: Any, new: Any, prefix: str = "") -> list[str]:
-    """Keys whose values differ between two trees, each as ``key: old -> new``."""
-    if isinstance(old, Mapping) and isinstance(new, Mapping):
-        found: list[str] = []
-        for key in [*old, *(key for key in new if key not in old)]:
-            found += differences(old.get(key), new.get(key), f"{prefix}.{key}" if prefix else str(key))
-        return found
-    return [] if old == new else [f"{prefix}: {old!r} -> {new!r}"]
+def _named(tree: Mapping[str, Any]) -> Iterator[tuple[str, str, dict[str, Any]]]:
+    """Every ``(key, kind, mapping)`` of a dumped tree that names a plug-in."""
+    for keys, kind in KINDS.items():
+        value: Any = tree
+        for key in keys:
+            value = value.get(key, {})
+        for choice in value if isinstance(value, list) else [value] if value else []:
+            yield ".".join(keys), kind, choice
 
 
-def _resolved(plugins: Plugins, kind: str, value: Any) -> dict[str, Any]:
-    resolved = plugins.resolve(kind, Choice.model_validate(value))
-    return resolved.model_dump(mode="json")
-
-
-class _StrictLoader(yaml.SafeLoader):
-    """A safe loader that refuses a key written twice instead of keeping the last."""
-
-
-def _strict_mapping(loader: _StrictLoader, node: yaml.MappingNode) -> dict[Any, Any]:
-    keys = [loader.construct_object(key, deep=True) for key, _ in node.value]  # type: ignore[no-untyped-call]
-    for (key_node, _), key in zip(node.value, keys, strict=True):
-        if keys.count(key) > 1:
-            raise yaml.MarkedYAMLError(problem=f"key {key!r} twice", problem_mark=key_node.start_mark)
-    return loader.construct_mapping(node, deep=True)
-
-
-_StrictLoader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _strict_mapping)
-
-
-def _read_yaml(path: Path) -> dict[str, Any]:
-    try:
-        tree = yaml.load(path.read_text(encoding="utf-8"), Loader=_StrictLoader)  # noqa: S506 - safe loader
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read ({error.strerror})") from error
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{path}: not a text file in UTF-8") from error
-    except yaml.YAMLError as error:
-        raise ConfigError(f"{path}: not valid YAML ({_problem(error)})") from error
-    if tree is None:
-        return {}
-    if not isinstance(tree, dict) or not all(isinstance(key, str) for key in tree):
-        raise ConfigError(f"{path}: expected a mapping of keys, found {type(tree).__name__}")
+def _spell_names_out(tree: dict[str, Any]) -> dict[str, Any]:
+    """Write ``name`` as ``{name: name}`` where a plug-in is named, so that a key below it can be set."""
+    for *parents, last in KINDS:
+        parent: Any = tree
+        for key in parents:
+            parent = parent.get(key) if isinstance(parent, Mapping) else None
+        if not isinstance(parent, dict):
+            continue
+        value = parent.get(last)
+        if isinstance(value, str):
+            parent[last] = {"name": value}
+        elif isinstance(value, list):
+            parent[last] = [{"name": item} if isinstance(item, str) else item for item in value]
     return tree
-
-
-def _problem(error: yaml.YAMLError) -> str:
-    mark = getattr(error, "problem_mark", None)
-    text = getattr(error, "problem", None) or str(error)
-    return f"line {mark.line + 1}: {text}" if mark else str(text)
 
 
 def _plain(message: str) -> str:
     return message.removeprefix("Value error, ").replace(
         "Extra inputs are not permitted", "there is no such key"
     )
-
-
-def _suggest(name: str, choices: Iterable[str], what: str) -> str:
-    names = sorted(choices)
-    near = difflib.get_close_matches(name, names, n=1)
-    return (f"did you mean {near[0]!r}? " if near else "") + f"{what}: {', '.join(names)}"
 
 
 def _fields_at(location: Sequence[int | str]) -> list[str]:
@@ -319,8 +199,3 @@ def _fields_at(location: Sequence[int | str]) -> list[str]:
         elif get_args(model):
             model = get_args(model)[-1]
     return list(getattr(model, "model_fields", {}))
-
-
-def usable_cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0))

@@ -1,0 +1,305 @@
+"""The command line: arguments in, one call, words out. No logic, and nothing heavy until it is needed."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from geoprior import __version__
+from geoprior.errors import GeopriorError
+from geoprior.stages import STAGE_NAMES, STAGES, Stage
+
+if TYPE_CHECKING:
+    from geoprior.config import RunConfig
+
+CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
+INTERRUPTED = 130
+VERBOSE = "--verbose"
+
+
+def _say(text: str) -> None:
+    click.echo(text, err=True)
+
+
+@click.group(
+    context_settings=CONTEXT,
+    epilog="Exit codes: 0 done, 1 unforeseen, 2 wrong command line or config, 3 plug-in, 4 damaged or "
+    "foreign file, 5 unfit machine, 6 numbers not finite, 130 interrupted (the same command goes on).",
+)
+@click.version_option(__version__, prog_name="geoprior")
+@click.option(
+    VERBOSE, is_flag=True, expose_value=False, help="Show tracebacks of errors; may stand anywhere."
+)
+def cli() -> None:
+    """Give a robot policy a geometric prior, and measure what it was worth.
+
+    \b
+    The whole line on the packaged quickstart, then the page with the result:
+      geoprior run --out runs/quickstart
+      open runs/quickstart/report/index.html
+
+    \b
+    Change a key, and see what a config can say:
+      geoprior run --out runs/more --set evaluate.trials=50
+      geoprior config schema
+
+    A run goes on where it was stopped when the same command is given again.
+    """  # noqa: D301 - \b is click's mark for text that is not to be wrapped
+
+
+def _run_options(function: Callable[..., None]) -> Callable[..., None]:
+    options = [
+        click.argument("config", required=False),
+        click.option(
+            "--out",
+            type=click.Path(path_type=Path),
+            required=True,
+            help="The run folder; made if it is not there.",
+        ),
+        click.option(
+            "--set",
+            "overrides",
+            metavar="KEY=VALUE",
+            multiple=True,
+            help="Override one key of the config, for example --set generate.episodes=50.",
+        ),
+        click.option("--replace", is_flag=True, help="Run stages whose config has changed again, in place."),
+    ]
+    for option in reversed(options):
+        function = option(function)
+    return function
+
+
+@cli.command()
+@_run_options
+def run(config: str | None, out: Path, overrides: tuple[str, ...], replace: bool) -> None:  # noqa: FBT001
+    """Run the whole line: generate, pretrain, demos, finetune, evaluate, report.
+
+    CONFIG is a YAML file or the name of a packaged config; without it, the config that the run folder
+    holds, or else the quickstart. Stages that are done are skipped; a stage that was stopped goes on.
+    """
+    _run(config, out, overrides, STAGE_NAMES, replace=replace)
+    _say(_headline(out))
+    _say(f"report: {out / 'report' / 'index.html'}")
+
+
+def _stage_command(stage: Stage) -> click.Command:
+    reads = f" It reads what {', '.join(stage.inputs)} wrote." if stage.inputs else ""
+
+    @_run_options
+    def command(config: str | None, out: Path, overrides: tuple[str, ...], replace: bool) -> None:  # noqa: FBT001
+        _run(config, out, overrides, (stage.name,), replace=replace)
+
+    help_text = (
+        f"{stage.summary}\n\nOne stage of `geoprior run`, on the same run folder.{reads} "
+        f"It writes {' and '.join(stage.outputs)}."
+    )
+    return click.command(stage.name, help=help_text, short_help=stage.summary)(command)
+
+
+for _stage in STAGES:
+    cli.add_command(_stage_command(_stage))
+
+
+def _run(
+    config: str | None, out: Path, overrides: tuple[str, ...], names: tuple[str, ...], *, replace: bool
+) -> None:
+    from geoprior.hooks.manager import plugins
+    from geoprior.pipeline import interrupt_on_termination, run_stages
+    from geoprior.run_folder import open_run
+
+    interrupt_on_termination()
+    resolved = _load(config, overrides, out)
+    _ensure_fit(out)
+    with open_run(out, resolved, STAGES, replace=replace) as folder:
+        run_stages(folder, names, plugins(), _say)
+
+
+def _headline(out: Path) -> str:
+    from geoprior.files import read_json
+    from geoprior.run_folder import RUN_FILE
+
+    return str(read_json(out / RUN_FILE)["stages"]["report"]["result"]["headline"])
+
+
+def _load(config: str | None, overrides: tuple[str, ...], out: Path | None = None) -> RunConfig:
+    from geoprior.config import QUICKSTART, load_config
+    from geoprior.hooks.manager import plugins
+    from geoprior.run_folder import saved_config
+
+    saved = saved_config(out) if out is not None else None
+    return load_config(config or saved or QUICKSTART, overrides, plugins())
+
+
+def _ensure_fit(out: Path) -> None:
+    from geoprior.doctor import checks
+
+    findings = checks.examine(out)
+    checks.require_fit(findings)
+    os.environ.setdefault(checks.GL_VARIABLE, checks.usable_backend(findings))
+
+
+@cli.command()
+@click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON.")
+def doctor(as_json: bool) -> None:  # noqa: FBT001
+    """Check this machine: versions, GL backends (each renders a frame), disk and cores.
+
+    What is missing comes with the line that mends it. Ends with code 5 when a run could not work here.
+    """
+    from geoprior.doctor import checks
+
+    findings = checks.examine(Path.cwd())
+    if as_json:
+        click.echo(json.dumps([vars(finding) for finding in findings], indent=2))
+    else:
+        for finding in findings:
+            mark = "ok     " if finding.good else "MISSING" if finding.needed else "absent "
+            click.echo(f"{mark} {finding.name}: {finding.text}")
+            if finding.mend:
+                click.echo(f"          {finding.mend}")
+    checks.require_fit(findings)
+
+
+@cli.group("plugins")
+def plugins_group() -> None:
+    """See what is installed: primitives, motions, renderers, robots, tasks, policies, executors."""
+
+
+@plugins_group.command("list")
+@click.option("--json", "as_json", is_flag=True, help="Print the plug-ins and what they offer as JSON.")
+def plugins_list(as_json: bool) -> None:  # noqa: FBT001
+    """List every plug-in found and everything it registers.
+
+    Plug-ins are found by the entry-point group `geoprior`. GEOPRIOR_PLUGINS=a,b allows only those.
+    """
+    from geoprior.hooks.listing import as_lines, as_tree
+    from geoprior.hooks.manager import plugins
+
+    found = plugins()
+    click.echo(json.dumps(as_tree(found), indent=2) if as_json else "\n".join(as_lines(found)))
+
+
+@cli.group("config")
+def config_group() -> None:
+    """See what a config says and what it can say."""
+
+
+@config_group.command("show")
+@click.argument("config", required=False)
+@click.option("--set", "overrides", metavar="KEY=VALUE", multiple=True, help="Override one key.")
+def config_show(config: str | None, overrides: tuple[str, ...]) -> None:
+    """Print a config resolved: extended, overridden, checked, every option written out.
+
+    CONFIG is a YAML file or the name of a packaged config; the quickstart without it.
+    """
+    from geoprior.config import to_yaml
+
+    click.echo(to_yaml(_load(config, overrides)), nl=False)
+
+
+@config_group.command("schema")
+def config_schema() -> None:
+    """Print the JSON schema of a config, for editors and for reading: every key with its meaning."""
+    from geoprior.config import RunConfig
+
+    click.echo(json.dumps(RunConfig.model_json_schema(), indent=2))
+
+
+@cli.command()
+@click.argument("episode")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path(),
+    show_default="the current folder",
+    help="Where the pictures go.",
+)
+def view(episode: str, out: Path) -> None:
+    """Draw an episode: a contact sheet (PNG) and a film (WebM).
+
+    \b
+    EPISODE is a folder of shards or one tar, and after a colon the episode's key:
+      geoprior view runs/quickstart/shards/synthetic:pick-000003
+      geoprior view runs/quickstart/shards/demos
+    Without a key it is the first one.
+    """  # noqa: D301
+    from geoprior.view.command import view_episode
+
+    for path in view_episode(episode, out):
+        click.echo(str(path))
+
+
+@cli.group("shards")
+def shards_group() -> None:
+    """Inspect shards: what they hold, and whether they are whole."""
+
+
+@shards_group.command("verify")
+@click.argument("path", type=click.Path(path_type=Path))
+def shards_verify(path: Path) -> None:
+    """Check a folder of shards, or one tar, to the last byte. Ends with code 4 on any fault."""
+    from geoprior.errors import DataError
+    from geoprior.shards.verify import verify
+
+    faults = list(verify(path))
+    for fault in faults:
+        click.echo(str(fault))
+    if faults:
+        raise DataError(f"{path}: {len(faults)} faults", "delete what is damaged and generate it again")
+    click.echo(f"{path}: whole")
+
+
+@shards_group.command("info")
+@click.argument("path", type=click.Path(path_type=Path))
+@click.option("--json", "as_json", is_flag=True, help="Print it as JSON.")
+def shards_info(path: Path, as_json: bool) -> None:  # noqa: FBT001
+    """Say what a folder of shards, or one tar, holds."""
+    from geoprior.shards.verify import info
+
+    content: dict[str, Any] = info(path)
+    if as_json:
+        click.echo(json.dumps(content, indent=2))
+    else:
+        for key, value in content.items():
+            click.echo(f"{key}: {value}")
+
+
+def main() -> None:
+    """The console script: `cli` with every error as a sentence and an exit code."""
+    arguments = [argument for argument in sys.argv[1:] if argument != VERBOSE]
+    verbose = len(arguments) < len(sys.argv) - 1
+    try:
+        code = cli(arguments, standalone_mode=False)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(error.exit_code)
+    except (KeyboardInterrupt, click.Abort):
+        _say("interrupted; what is finished is kept, and the same command goes on from there")
+        sys.exit(INTERRUPTED)
+    except GeopriorError as error:
+        _complain(error, error.message, error.hint, verbose=verbose)
+        sys.exit(error.exit_code)
+    except Exception as error:  # noqa: BLE001 - the last door before the user
+        hint = "this is a defect of geoprior or of a plug-in; add --verbose to see where"
+        _complain(error, f"unforeseen {type(error).__name__}: {error}", hint, verbose=verbose)
+        sys.exit(GeopriorError.exit_code)
+    sys.exit(code if isinstance(code, int) else 0)
+
+
+def _complain(error: BaseException, message: str, hint: str, *, verbose: bool) -> None:
+    if verbose:
+        _say("".join(traceback.format_exception(error)))
+    _say(f"error: {message}")
+    if hint:
+        _say(f"  hint: {hint}")
+
+
+if __name__ == "__main__":
+    main()

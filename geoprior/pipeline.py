@@ -1,0 +1,155 @@
+"""The stages in order: fingerprint each, skip what is done, go on with what was begun.
+
+A stage reads files and writes files under the paths that it owns. Its fingerprint is a hash of its part of
+the config and of what it reads; its record in ``stages/`` says whether those outputs are whole.
+"""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from geoprior import StageEvent, provenance
+from geoprior.config import plugins_named
+from geoprior.errors import DataError
+from geoprior.files import sha256_file, sha256_json, write_json
+from geoprior.hooks.manager import Plugins
+from geoprior.run_folder import RUN_FILE, Record, RunFolder, clear
+from geoprior.stages import STAGES, Stage, Workplace
+
+
+def run_stages(folder: RunFolder, names: Sequence[str], plugins: Plugins, say: Callable[[str], None]) -> None:
+    """Run the named stages in the order of the data's way, each only if its outputs are not there.
+
+    Raises:
+        GeopriorError: A stage failed; what it has finished stays and the same command goes on from it.
+    """
+    for stage in STAGES:
+        if stage.name in names:
+            _run_stage(folder, stage, plugins, say)
+
+
+def _run_stage(folder: RunFolder, stage: Stage, plugins: Plugins, say: Callable[[str], None]) -> None:
+    begun = _begun_record(folder, stage, plugins)
+    old = folder.record(stage.name)
+    if old is not None and old.fingerprint == begun.fingerprint:
+        if old.status == "done" and folder.is_whole(old):
+            say(f"{stage.name}: done before, skipped")
+            return
+        say(f"{stage.name}: goes on")
+    elif old is not None:
+        say(f"{stage.name}: its inputs have changed, runs again")
+        clear(folder, stage)
+    folder.write_record(begun)
+    done = _execute(folder, stage, begun, plugins)
+    folder.write_record(done)
+    _write_run_file(folder, plugins)
+    plugins.hook.geoprior_after_stage(event=_event(folder, done))
+
+
+def _execute(folder: RunFolder, stage: Stage, begun: Record, plugins: Plugins) -> Record:
+    plugins.hook.geoprior_before_stage(event=_event(folder, begun))
+    clock = time.monotonic()
+    try:
+        result = stage.run(folder.config, Workplace(folder.path, plugins))
+    except BaseException as error:
+        seconds = time.monotonic() - clock
+        plugins.hook.geoprior_stage_failed(event=_event(folder, begun, seconds, str(error) or "interrupted"))
+        raise
+    seconds = time.monotonic() - clock
+    outputs = _outputs_on_disk(folder.path, stage)
+    return Record(
+        **{
+            **vars(begun),
+            "status": "done",
+            "outputs": outputs,
+            "result": result,
+            "seconds": round(seconds, 3),
+        }
+    )
+
+
+def _begun_record(folder: RunFolder, stage: Stage, plugins: Plugins) -> Record:
+    part = stage.config(folder.config)
+    inputs = {name: _input_digest(folder, stage, name) for name in stage.inputs}
+    content = {
+        "stage": stage.name,
+        "revision": stage.revision,
+        "config": part,
+        "plugins": plugins_named(part, plugins),
+        "inputs": inputs,
+    }
+    return Record(
+        stage=stage.name,
+        status="begun",
+        fingerprint=sha256_json(content),
+        config=part,
+        inputs=inputs,
+        outputs={},
+        result={},
+        seconds=0.0,
+    )
+
+
+def _input_digest(folder: RunFolder, stage: Stage, name: str) -> str:
+    record = folder.record(name)
+    if record is None or record.status != "done":
+        raise DataError(
+            f"{folder.path}: {stage.name} reads what {name} writes, and {name} is not done here",
+            f"geoprior {name} --out {folder.path}",
+        )
+    if not folder.is_whole(record):
+        lost = [file for file in record.outputs if not (folder.path / file).is_file()]
+        raise DataError(
+            f"{folder.path}: outputs of {name} are missing or cut off, for example "
+            f"{lost[0] if lost else next(iter(record.outputs))}",
+            f"geoprior {name} --out {folder.path}",
+        )
+    return record.digest
+
+
+def _outputs_on_disk(root: Path, stage: Stage) -> dict[str, dict[str, Any]]:
+    files: list[Path] = []
+    for output in stage.outputs:
+        path = root / output
+        files += [path] if path.is_file() else [file for file in path.rglob("*") if file.is_file()]
+    return {
+        str(file.relative_to(root)): {"bytes": file.stat().st_size, "sha256": sha256_file(file)}
+        for file in sorted(files)
+        if file.suffix != ".tmp"
+    }
+
+
+def _write_run_file(folder: RunFolder, plugins: Plugins) -> None:
+    records = {stage.name: folder.record(stage.name) for stage in STAGES}
+    stages = {
+        name: {"fingerprint": record.fingerprint, "seconds": record.seconds, "result": record.result}
+        for name, record in records.items()
+        if record is not None and record.status == "done"
+    }
+    content = {
+        "versions": provenance.versions(),
+        "plugins": provenance.plugins_in_use(plugins),
+        "machine": provenance.machine(),
+        "seed": folder.config.seed,
+        "stages": stages,
+    }
+    write_json(folder.path / RUN_FILE, content)
+
+
+def _event(folder: RunFolder, record: Record, seconds: float | None = None, error: str = "") -> StageEvent:
+    return StageEvent(
+        record.stage, folder.path, record.fingerprint, record.seconds if seconds is None else seconds, error
+    )
+
+
+def interrupt_on_termination() -> None:
+    """Let SIGTERM end a run as Ctrl-C does: with what is finished kept and a clear last word."""
+    signal.signal(signal.SIGTERM, _raise_interrupt)
+
+
+def _raise_interrupt(*_: object) -> None:
+    raise KeyboardInterrupt

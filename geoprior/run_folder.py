@@ -1,0 +1,177 @@
+"""A run on disk: its folder, who may work in it, and what each stage has left there."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from geoprior.config import RunConfig, to_yaml
+from geoprior.config_tree import differences
+from geoprior.errors import ConfigError, DataError
+from geoprior.files import read_json, sha256_json, write_bytes, write_json
+from geoprior.stages import Stage
+
+CONFIG_FILE = "config.yaml"
+RUN_FILE = "run.json"
+LOCK_FILE = ".lock"
+RECORDS = "stages"
+
+
+@dataclass(frozen=True)
+class Record:
+    """What ``stages/NAME.json`` says.
+
+    Attributes:
+        stage: Name.
+        status: ``begun`` or ``done``.
+        fingerprint: Of the config and the inputs that the outputs belong to.
+        config: The part of the config that went into the fingerprint.
+        inputs: Digest of every stage read.
+        outputs: SHA-256 and bytes of every file written; empty until done.
+        result: Small facts that the stage returned.
+        seconds: Wall time of the attempt that ended it.
+    """
+
+    stage: str
+    status: str
+    fingerprint: str
+    config: Mapping[str, Any]
+    inputs: Mapping[str, str]
+    outputs: Mapping[str, Mapping[str, Any]]
+    result: Mapping[str, Any]
+    seconds: float
+
+    @property
+    def digest(self) -> str:
+        """One hash of everything the stage wrote: the input of the stages after it."""
+        return sha256_json({name: output["sha256"] for name, output in self.outputs.items()})
+
+
+class RunFolder:
+    """One run on disk. Open it with `open_run`."""
+
+    def __init__(self, path: Path, config: RunConfig) -> None:
+        self.path = path
+        self.config = config
+
+    def record(self, stage: str) -> Record | None:
+        """The stage's record, or None when it has never begun here.
+
+        Raises:
+            DataError: The record is damaged.
+        """
+        path = self.path / RECORDS / f"{stage}.json"
+        if not path.is_file():
+            return None
+        try:
+            return Record(**read_json(path))
+        except TypeError as error:
+            raise DataError(f"{path}: not a stage record", f"delete it to run {stage} again") from error
+
+    def write_record(self, record: Record) -> None:
+        """Write the stage's record."""
+        write_json(self.path / RECORDS / f"{record.stage}.json", vars(record))
+
+    def is_whole(self, record: Record) -> bool:
+        """Whether every file that a done stage wrote is there with its size."""
+        return all(
+            (self.path / name).is_file() and (self.path / name).stat().st_size == output["bytes"]
+            for name, output in record.outputs.items()
+        )
+
+
+@contextmanager
+def open_run(path: Path, config: RunConfig, stages: Sequence[Stage], *, replace: bool) -> Iterator[RunFolder]:
+    """Make or reopen a run folder and hold it for this process alone.
+
+    Args:
+        path: The folder.
+        config: Resolved.
+        stages: Those that may have left something here.
+        replace: Whether stages whose config has changed may be run again, in place of their outputs.
+
+    Raises:
+        DataError: Not writable, in use by another process, or a folder with other things in it.
+        ConfigError: It holds results of another config and ``replace`` is false.
+    """
+    _refuse_foreign(path)
+    with _locked(path):
+        folder = RunFolder(path, config)
+        changed = [stage for stage in stages if _config_changed(folder, stage)]
+        if changed and not replace:
+            raise ConfigError(
+                f"{path}: holds results of another config: {_changes(folder, changed)}",
+                "choose another --out, or give --replace to run the changed stages again in their place",
+            )
+        for stage in changed:
+            clear(folder, stage)
+        write_bytes(path / CONFIG_FILE, to_yaml(config).encode())
+        yield folder
+
+
+def saved_config(path: Path) -> Path | None:
+    """The resolved config that an earlier run left in this folder, if any."""
+    file = path / CONFIG_FILE
+    return file if file.is_file() else None
+
+
+def clear(folder: RunFolder, stage: Stage) -> None:
+    """Remove a stage's record first, then its outputs."""
+    (folder.path / RECORDS / f"{stage.name}.json").unlink(missing_ok=True)
+    for output in stage.outputs:
+        path = folder.path / output
+        if path.is_dir():
+            shutil.rmtree(path)
+        else:
+            path.unlink(missing_ok=True)
+
+
+def _config_changed(folder: RunFolder, stage: Stage) -> bool:
+    record = folder.record(stage.name)
+    return record is not None and record.config != stage.config(folder.config)
+
+
+def _changes(folder: RunFolder, changed: Sequence[Stage]) -> str:
+    lines: list[str] = []
+    for stage in changed:
+        record = folder.record(stage.name)
+        assert record is not None
+        for line in differences(record.config, stage.config(folder.config)):
+            if line not in lines:
+                lines.append(line)
+    return "; ".join(lines[:5]) + (f" and {len(lines) - 5} more" if len(lines) > 5 else "")
+
+
+def _refuse_foreign(path: Path) -> None:
+    if path.exists() and not path.is_dir():
+        raise DataError(f"{path}: is a file, not a folder", "choose another --out")
+    ours = (path / CONFIG_FILE).is_file() or (path / LOCK_FILE).is_file()
+    if path.is_dir() and any(path.iterdir()) and not ours:
+        raise DataError(f"{path}: is not empty and not a run folder of geoprior", "choose another --out")
+
+
+@contextmanager
+def _locked(path: Path) -> Iterator[None]:
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        descriptor = os.open(path / LOCK_FILE, os.O_RDWR | os.O_CREAT, 0o644)
+    except OSError as error:
+        raise DataError(
+            f"{path}: cannot be written ({error.strerror})", "choose another --out or mend its permissions"
+        ) from error
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise DataError(
+                f"{path}: another geoprior is at work in this folder", "wait for it, or choose another --out"
+            ) from error
+        yield
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,206 @@
+"""The stages of a run as a table: what each reads, owns and depends on.
+
+The work itself is in the packages; here is only how the run's config and folder map onto their arguments.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from geoprior.config import RunConfig
+    from geoprior.hooks.manager import Plugins
+    from geoprior.hooks.types import Executor
+
+SYNTHETIC = "shards/synthetic"
+DEMOS = "shards/demos"
+CHECKPOINTS = "checkpoints"
+PRETRAIN = f"{CHECKPOINTS}/pretrain"
+FINETUNE = f"{CHECKPOINTS}/finetune"
+ROLLOUTS = "rollouts.jsonl"
+FILMS = "films"
+RESULTS = "results.json"
+REPORT = "report"
+
+
+@dataclass(frozen=True)
+class Workplace:
+    """Where a stage works.
+
+    Attributes:
+        path: The run folder.
+        plugins: Where names are looked up.
+    """
+
+    path: Path
+    plugins: Plugins
+
+    def executor(self, config: RunConfig) -> Executor:
+        """The executor that the config names."""
+        executor: Executor = self.plugins.build("executor", config.executor)
+        return executor
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One stage.
+
+    Attributes:
+        name: Also the name of its command.
+        summary: One line for ``--help``.
+        inputs: Names of the stages that it reads.
+        outputs: Files and folders of the run folder that it alone writes.
+        config: The part of the config that its outputs depend on.
+        run: Does the work; returns small facts for the run's record.
+        revision: Raised when the same config and inputs come to mean something else.
+    """
+
+    name: str
+    summary: str
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    config: Callable[[RunConfig], dict[str, Any]]
+    run: Callable[[RunConfig, Workplace], Mapping[str, Any]]
+    revision: int = 1
+
+
+def _part(*keys: str) -> Callable[[RunConfig], dict[str, Any]]:
+    return lambda config: config.model_dump(mode="json", include=set(keys))
+
+
+def _generate(config: RunConfig, place: Workplace) -> Mapping[str, Any]:
+    from geoprior.shards.generate import generate
+
+    manifest = generate(
+        config.generate,
+        config.cameras,
+        seed=config.seed,
+        executor=place.executor(config),
+        out=place.path / SYNTHETIC,
+    )
+    return {"episodes": manifest.episodes}
+
+
+def _pretrain(config: RunConfig, place: Workplace) -> Mapping[str, Any]:
+    from geoprior.training.stages import pretrain
+
+    return pretrain(
+        config.pretrain,
+        policy=config.policy,
+        seed=config.seed,
+        data=place.path / SYNTHETIC,
+        out=place.path / PRETRAIN,
+    )
+
+
+def _demos(config: RunConfig, place: Workplace) -> Mapping[str, Any]:
+    from geoprior.sim.demos import collect
+
+    manifest = collect(
+        config.demos,
+        robot=config.robot,
+        task=config.task,
+        cameras=config.cameras,
+        seed=config.seed,
+        executor=place.executor(config),
+        out=place.path / DEMOS,
+    )
+    return {"episodes": manifest.episodes}
+
+
+def _finetune(config: RunConfig, place: Workplace) -> Mapping[str, Any]:
+    from geoprior.training.stages import finetune
+
+    return finetune(
+        config.finetune,
+        policy=config.policy,
+        seed=config.seed,
+        demos=place.path / DEMOS,
+        prior=place.path / PRETRAIN,
+        out=place.path / FINETUNE,
+    )
+
+
+def _evaluate(config: RunConfig, place: Workplace) -> Mapping[str, Any]:
+    from geoprior.sim.rollout import evaluate, find_checkpoints
+
+    return evaluate(
+        config.evaluate,
+        robot=config.robot,
+        task=config.task,
+        cameras=config.cameras,
+        seed=config.seed,
+        checkpoints=find_checkpoints(place.path / FINETUNE),
+        executor=place.executor(config),
+        out=place.path,
+    )
+
+
+def _report(config: RunConfig, place: Workplace) -> Mapping[str, Any]:
+    from geoprior.report.run_report import report_run
+
+    return report_run(
+        seed=config.seed,
+        synthetic=place.path / SYNTHETIC,
+        demos=place.path / DEMOS,
+        checkpoints=place.path / CHECKPOINTS,
+        run=place.path,
+        results=place.path / RESULTS,
+        out=place.path / REPORT,
+    )
+
+
+STAGES = (
+    Stage(
+        name="generate",
+        summary="Generate the geometric data set into WebDataset shards.",
+        inputs=(),
+        outputs=(SYNTHETIC,),
+        config=_part("seed", "cameras", "generate"),
+        run=_generate,
+    ),
+    Stage(
+        name="pretrain",
+        summary="Train the policy on the geometric data set: this gives the prior.",
+        inputs=("generate",),
+        outputs=(PRETRAIN,),
+        config=_part("seed", "policy", "pretrain"),
+        run=_pretrain,
+    ),
+    Stage(
+        name="demos",
+        summary="Collect scripted demonstrations of the task on the robot.",
+        inputs=(),
+        outputs=(DEMOS,),
+        config=_part("seed", "cameras", "robot", "task", "demos"),
+        run=_demos,
+    ),
+    Stage(
+        name="finetune",
+        summary="Train on the demonstrations, once for each condition and training seed.",
+        inputs=("pretrain", "demos"),
+        outputs=(FINETUNE,),
+        config=_part("seed", "policy", "finetune"),
+        run=_finetune,
+    ),
+    Stage(
+        name="evaluate",
+        summary="Roll every checkpoint out on the same unseen initial states.",
+        inputs=("finetune",),
+        outputs=(ROLLOUTS, FILMS),
+        config=_part("seed", "cameras", "robot", "task", "evaluate"),
+        run=_evaluate,
+    ),
+    Stage(
+        name="report",
+        summary="Write report/index.html and results.json.",
+        inputs=("generate", "pretrain", "demos", "finetune", "evaluate"),
+        outputs=(RESULTS, REPORT),
+        config=_part("seed"),
+        run=_report,
+    ),
+)
+STAGE_NAMES = tuple(stage.name for stage in STAGES)
