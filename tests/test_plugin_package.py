@@ -1,0 +1,113 @@
+"""A third-party package, installed by pip and used by the command line."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).parents[1] / "plugins" / "geoprior-torus"
+TORUS = (
+    "--set", "generate.primitives=[torus]",
+    "--set", "generate.episodes=2",
+    "--set", "generate.seconds=1",
+    "--set", "executor=serial",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """A folder with the package installed into it, as in somebody's environment."""
+    folder = tmp_path_factory.mktemp("site")
+    source = tmp_path_factory.mktemp("source") / PACKAGE.name
+    shutil.copytree(PACKAGE, source)
+    install = [
+        "install",
+        "--quiet",
+        "--no-deps",
+        "--no-index",
+        "--no-build-isolation",
+        "--target",
+        folder,
+        source,
+    ]
+    subprocess.run([sys.executable, "-m", "pip", *map(str, install)], check=True, capture_output=True)
+    return folder
+
+
+def geoprior(site, *arguments, **environment):
+    return subprocess.run(
+        [sys.executable, "-m", "geoprior", *map(str, arguments)],
+        env={**os.environ, "PYTHONPATH": str(site), **environment},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def test_it_is_listed_with_its_package_version_and_hooks(site):
+    plugins = json.loads(geoprior(site, "plugins", "list", "--json").stdout)
+    (torus,) = [plugin for plugin in plugins if plugin["package"] == "geoprior-torus"]
+    assert (torus["status"], torus["version"], torus["hooks"]) == ("ok", "0.1.0", ["geoprior_primitives"])
+    assert torus["offers"] == [
+        {"kind": "primitive", "name": "torus", "summary": "a ring that lies flat on the floor"}
+    ]
+
+
+def test_a_config_that_names_it_gets_it_and_the_run_says_where_it_came_from(site, tmp_path):
+    done = geoprior(site, "generate", "quickstart", "--out", tmp_path / "run", *TORUS)
+    assert done.returncode == 0, done.stderr
+    info = json.loads(geoprior(site, "shards", "info", tmp_path / "run/shards/synthetic", "--json").stdout)
+    assert info["episodes"] == 6
+    run = json.loads((tmp_path / "run" / "run.json").read_text())
+    assert run["plugins"] == [{"name": "torus", "package": "geoprior-torus", "version": "0.1.0"}]
+    assert geoprior(site, "shards", "verify", tmp_path / "run/shards/synthetic").returncode == 0
+
+
+def test_installing_it_changes_no_data_of_a_config_that_does_not_name_it(site, tmp_path):
+    small = [word.replace("torus", "sphere") for word in TORUS]
+    manifests = []
+    for name, path in (("without", ""), ("with", site)):
+        done = geoprior(path, "generate", "quickstart", "--out", tmp_path / name, *small)
+        assert done.returncode == 0, done.stderr
+        manifests.append((tmp_path / name / "shards/synthetic/manifest.json").read_bytes())
+    assert manifests[0] == manifests[1]
+
+
+def test_the_allow_list_keeps_it_out_and_says_so(site, tmp_path):
+    done = geoprior(site, "generate", "--out", tmp_path / "run", *TORUS, GEOPRIOR_PLUGINS="somebody-else")
+    assert done.returncode == 2
+    assert "unknown primitive 'torus'" in done.stderr
+    assert "torus (not allowed)" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_its_own_tests_pass(site):
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(PACKAGE / "tests")]
+    done = subprocess.run(
+        command, env={**os.environ, "PYTHONPATH": str(site)}, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout
+
+
+def test_a_package_that_takes_a_built_in_name_stops_everything_and_both_are_named(tmp_path):
+    (tmp_path / "rival.py").write_text(
+        "from geoprior import PrimitiveSpec, hookimpl\n"
+        "from geoprior.options import Options\n"
+        "@hookimpl\n"
+        "def geoprior_primitives():\n"
+        "    yield PrimitiveSpec('sphere', 'another', Options, lambda config: None)\n"
+    )
+    metadata = tmp_path / "rival-2.0.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: rival\nVersion: 2.0\n")
+    (metadata / "entry_points.txt").write_text("[geoprior]\nrival = rival\n")
+    done = geoprior(tmp_path, "plugins", "list")
+    assert done.returncode == 3
+    assert "'sphere' is registered twice" in done.stderr
+    assert "'geoprior'" in done.stderr
+    assert "'rival'" in done.stderr
+    assert "Traceback" not in done.stderr
