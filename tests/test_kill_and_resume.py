@@ -35,7 +35,18 @@ def status(run, stage):
 
 def start(config, run):
     command = [sys.executable, "-m", "geoprior", "run", str(config), "--out", str(run)]
-    return subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    return subprocess.Popen(
+        command,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        preexec_fn=heed_ctrl_c,
+    )
+
+
+def heed_ctrl_c():
+    """A shell's background job ignores SIGINT, and so would its children: these tests among them."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def finish(config, run):
