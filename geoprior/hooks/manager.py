@@ -95,7 +95,6 @@ class Plugins:
         self._manager = pluggy.PluginManager(GROUP)
         self._manager.add_hookspecs(specs)
         self._found: list[Plugin] = []
-        self._plugin_of_module: dict[str, Plugin] = {}
         self._registry: dict[tuple[str, str], Registered] = {}
 
     @property

@@ -35,8 +35,7 @@ class LoadedPredictor:
     def __init__(self, policy: nn.Module, features: Features, fps: float, normaliser: Normaliser) -> None:
         self.features = features
         self.fps = fps
-        self._module = policy.eval()
-        self._policy = cast("Policy", policy)
+        self._policy = cast("Policy", policy.eval())
         self._normaliser = normaliser
 
     def predict(
