@@ -16,9 +16,11 @@ from geoprior.hooks.types import (
     PrimitiveSpec,
     RendererSpec,
     RobotSpec,
+    SourceSpec,
     StageEvent,
     TaskSpec,
     TrainStep,
+    VariantSpec,
 )
 
 __version__ = "0.1.0.dev0"
@@ -32,9 +34,11 @@ __all__ = [
     "PrimitiveSpec",
     "RendererSpec",
     "RobotSpec",
+    "SourceSpec",
     "StageEvent",
     "TaskSpec",
     "TrainStep",
+    "VariantSpec",
     "__version__",
     "hookimpl",
 ]

@@ -28,7 +28,9 @@ KINDS = {
     ("generate", "motions"): "motion",
     ("generate", "primitives"): "primitive",
     ("generate", "renderer"): "renderer",
+    ("generate", "variants"): "variant",
     ("policy",): "policy",
+    ("pretrain", "source"): "source",
     ("robot",): "robot",
     ("task",): "task",
 }

@@ -92,6 +92,8 @@ def _pretrain(config: RunConfig, place: Workplace) -> Mapping[str, Any]:
         policy=config.policy,
         seed=config.seed,
         data=place.path / SYNTHETIC,
+        generate=config.generate,
+        cameras=config.cameras,
         out=place.path / PRETRAIN,
     )
 
@@ -167,7 +169,7 @@ STAGES = (
         summary="Train the policy on the geometric data set: this gives the prior.",
         inputs=("generate",),
         outputs=(PRETRAIN,),
-        config=_part("seed", "policy", "pretrain"),
+        config=_part("seed", "cameras", "generate", "policy", "pretrain"),
         run=_pretrain,
     ),
     Stage(

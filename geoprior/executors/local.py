@@ -58,7 +58,7 @@ class LocalExecutor:
         pool = ProcessPoolExecutor(
             max_workers=min(self.workers, len(items)),
             mp_context=get_context("spawn"),
-            initializer=_prepare_worker,
+            initializer=prepare_worker,
             initargs=(os.getpid(),),
         )
         try:
@@ -79,7 +79,7 @@ def _result(future: Future[Result]) -> Result:
         ) from error
 
 
-def _prepare_worker(parent: int) -> None:
+def prepare_worker(parent: int) -> None:
     """Leave Ctrl-C to the parent, use one core, and do not outlive the parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, args=(parent,), daemon=True).start()

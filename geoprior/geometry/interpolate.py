@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from geoprior.geometry.se3 import cross
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -50,7 +52,7 @@ def swing(start: FloatArray, end: FloatArray, detour: FloatArray) -> tuple[Float
     Returns:
         The unit axis and the angle in [0, pi].
     """
-    normal = np.cross(start, end)
+    normal = cross(start, end)
     sine, cosine = float(np.linalg.norm(normal)), float(start @ end)
     angle = float(np.arctan2(sine, cosine))
     if sine < _PARALLEL:

@@ -31,8 +31,10 @@ from geoprior.hooks.types import (
     PrimitiveSpec,
     RendererSpec,
     RobotSpec,
+    SourceSpec,
     Spec,
     TaskSpec,
+    VariantSpec,
 )
 from geoprior.options import Choice
 
@@ -41,7 +43,9 @@ ALLOW_LIST = "GEOPRIOR_PLUGINS"
 BUILTIN_PACKAGES = (
     "geoprior.scene.primitives",
     "geoprior.motions",
+    "geoprior.render.variants",
     "geoprior.render",
+    "geoprior.sources",
     "geoprior.policies.act",
     "geoprior.training.loggers",
     "geoprior.sim.robots",
@@ -51,7 +55,9 @@ BUILTIN_PACKAGES = (
 SPEC_OF_HOOK: dict[str, type[Spec]] = {
     "geoprior_primitives": PrimitiveSpec,
     "geoprior_motions": MotionSpec,
+    "geoprior_variants": VariantSpec,
     "geoprior_renderers": RendererSpec,
+    "geoprior_sources": SourceSpec,
     "geoprior_robots": RobotSpec,
     "geoprior_tasks": TaskSpec,
     "geoprior_policies": PolicySpec,

@@ -17,9 +17,11 @@ from geoprior.hooks.types import (
     PrimitiveSpec,
     RendererSpec,
     RobotSpec,
+    SourceSpec,
     StageEvent,
     TaskSpec,
     TrainStep,
+    VariantSpec,
 )
 
 hookspec = pluggy.HookspecMarker("geoprior")
@@ -36,8 +38,18 @@ def geoprior_motions() -> Iterable[MotionSpec]:  # type: ignore[empty-body]
 
 
 @hookspec
+def geoprior_variants() -> Iterable[VariantSpec]:  # type: ignore[empty-body]
+    """Ablations of the synthetic episodes: what the cameras no longer see."""
+
+
+@hookspec
 def geoprior_renderers() -> Iterable[RendererSpec]:  # type: ignore[empty-body]
     """Ways to draw the scene's points into a camera's frames."""
+
+
+@hookspec
+def geoprior_sources() -> Iterable[SourceSpec]:  # type: ignore[empty-body]
+    """Where pretraining takes its episodes from."""
 
 
 @hookspec

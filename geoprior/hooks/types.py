@@ -20,11 +20,12 @@ if TYPE_CHECKING:
     from geoprior.geometry.projection import View
     from geoprior.motions.trajectory import Trajectory
     from geoprior.policies.policy import Policy
-    from geoprior.render.clouds import Cloud
+    from geoprior.render.clouds import Cloud, Shot
     from geoprior.scene.mesh import Mesh
     from geoprior.scene.scene import Scene
     from geoprior.sim.robots.robot import Robot
     from geoprior.sim.tasks.task import Task
+    from geoprior.sources.source import Source
 
     FloatArray = NDArray[np.float64]
     BoolArray = NDArray[np.bool_]
@@ -68,6 +69,21 @@ class Motion(Protocol):
         ...
 
 
+class Variant(Protocol):
+    """An ablation of the data: changes what the cameras see, and nothing else."""
+
+    def change(self, shots: Mapping[str, Shot]) -> Mapping[str, Shot]:
+        """Give the shots with other clouds.
+
+        Args:
+            shots: What each camera sees of an episode, by the camera's name.
+
+        Returns:
+            The same cameras, with the views and the steps that they had: the episode's header tells those.
+        """
+        ...
+
+
 class Renderer(Protocol):
     """Turns points into the frames of one camera."""
 
@@ -80,7 +96,8 @@ class Renderer(Protocol):
             steps: N, the number of frames; what moves has as many transforms.
 
         Returns:
-            (N, height, width) uint8 frames, 0 or 255.
+            (N, height, ceil(width / 8)) uint8: eight pixels a byte, 1 for white, the leftmost pixel in the
+            highest bit; see `geoprior.render.packing.pack_frames`.
         """
         ...
 
@@ -114,11 +131,27 @@ class MotionSpec(Spec):
 
 
 @dataclass(frozen=True)
+class VariantSpec(Spec):
+    """``factory(config) -> Variant``"""
+
+    kind: ClassVar[str] = "variant"
+    factory: Callable[..., Variant]
+
+
+@dataclass(frozen=True)
 class RendererSpec(Spec):
     """``factory(config) -> Renderer``"""
 
     kind: ClassVar[str] = "renderer"
     factory: Callable[..., Renderer]
+
+
+@dataclass(frozen=True)
+class SourceSpec(Spec):
+    """``factory(config, context) -> Source``; see `geoprior.sources.source`."""
+
+    kind: ClassVar[str] = "source"
+    factory: Callable[..., Source]
 
 
 @dataclass(frozen=True)

@@ -29,15 +29,15 @@ def ramp_after(count: int) -> NDArray[np.float64]:
 
 
 def approach_steps(motion: str, steps: int, share: float, reserved: int) -> int:
-    """Steps of the first phase: its share of ``steps``, two at least, with ``reserved`` and one move left.
+    """Steps of the first phase: its share of ``steps``, two at least and all but ``reserved`` at most.
 
     Raises:
         ConfigError: There are too few steps.
     """
-    most = steps - reserved - 1
+    most = steps - reserved
     if most < 2:
         raise ConfigError(
-            f"motion {motion!r}: {steps} steps are too few, it needs {reserved + 3}",
+            f"motion {motion!r}: {steps} steps are too few, it needs {reserved + 2}",
             "raise generate.fps or generate.seconds, or lower the motion's hold steps",
         )
     return min(max(2, round(share * steps)), most)

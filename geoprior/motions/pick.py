@@ -37,7 +37,7 @@ class Pick:
             ConfigError: ``steps`` are too few.
         """
         held = self.config.closed - 1
-        moving = approach_steps("pick", steps + 1, 1.0, held)
+        moving = approach_steps("pick", steps, 1.0, held)
         way = reach(scene, grasp_position(scene, self.config, rng), moving)
         gripper = np.zeros(steps)
         gripper[-self.config.closed :] = 1.0

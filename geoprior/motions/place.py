@@ -60,7 +60,7 @@ class Place:
         """
         config = self.config
         held, still = config.closed - 1, config.opened - 1
-        moving = approach_steps("place", steps, config.approach, held + still)
+        moving = approach_steps("place", steps, config.approach, held + still + 1)
         yaw = float(np.radians(rng.uniform(-config.yaw, config.yaw)))
         goal = draw_goal(scene, rotations_about(WORLD_UP, np.array([yaw]))[0], rng)
         way = reach(scene, grasp_position(scene, config, rng), moving)

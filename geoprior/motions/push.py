@@ -11,7 +11,7 @@ from pydantic import Field
 
 from geoprior import MotionSpec, hookimpl
 from geoprior.geometry.interpolate import lerp, slerp
-from geoprior.geometry.se3 import make_transform
+from geoprior.geometry.se3 import cross, make_transform
 from geoprior.motions._timing import PhaseOptions, approach_steps, ramp, ramp_after
 from geoprior.motions.trajectory import Trajectory
 from geoprior.scene.marker import draw_goal, marker_points
@@ -49,7 +49,7 @@ class Push:
         Raises:
             ConfigError: ``steps`` are too few, or there is no room for the marker.
         """
-        moving = approach_steps("push", steps, self.config.approach, 0)
+        moving = approach_steps("push", steps, self.config.approach, 1)
         goal = draw_goal(scene, np.eye(3), rng)
         centre, start = scene.object.centre, scene.hand.transform_hand_to_world
         direction = push_direction(centre, goal[:3, 3])
@@ -83,7 +83,7 @@ def push_direction(centre: FloatArray, goal: FloatArray) -> FloatArray:
 
 def push_rotation(direction: FloatArray) -> FloatArray:
     """R_start = [u_world x v_push, u_world, v_push], (3, 3)."""
-    return np.column_stack([np.cross(WORLD_UP, direction), WORLD_UP, direction])
+    return np.column_stack([cross(WORLD_UP, direction), WORLD_UP, direction])
 
 
 def support(points: FloatArray, direction: FloatArray) -> float:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
+
+    from geoprior.geometry.projection import View
 
 
 @dataclass(frozen=True)
@@ -15,9 +17,40 @@ class Cloud:
     """Points of one rigid body.
 
     Attributes:
+        body: Whose points they are: ``floor``, ``object``, ``marker`` or ``hand``, or what a plug-in adds.
         points: (P, 3) metres, in the body's own frame.
         transforms_cloud_to_world: (4, 4) of a body at rest, or (N, 4, 4), one a time step.
     """
 
+    body: str
     points: NDArray[np.float64]
     transforms_cloud_to_world: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Shot:
+    """One camera over an episode, and what is before it.
+
+    Attributes:
+        view: The camera, fixed or moving.
+        clouds: What it sees.
+        steps: N, the number of frames.
+    """
+
+    view: View
+    clouds: tuple[Cloud, ...]
+    steps: int
+
+    def at(self, steps: slice | NDArray[np.int64]) -> Shot:
+        """The same shot at some of its time steps."""
+
+        def some(transforms: NDArray[np.float64]) -> NDArray[np.float64]:
+            return transforms[steps] if transforms.ndim == 3 else transforms
+
+        view = replace(self.view, transforms_world_to_camera=some(self.view.transforms_world_to_camera))
+        clouds = tuple(
+            replace(cloud, transforms_cloud_to_world=some(cloud.transforms_cloud_to_world))
+            for cloud in self.clouds
+        )
+        count = len(range(self.steps)[steps]) if isinstance(steps, slice) else len(steps)
+        return Shot(view, clouds, count)

@@ -19,6 +19,7 @@ import numpy as np
 from pydantic import Field
 
 from geoprior import RendererSpec, hookimpl
+from geoprior.geometry.projection import NEAREST
 from geoprior.options import Options
 
 if TYPE_CHECKING:
@@ -38,24 +39,46 @@ class PointsConfig(Options):
 
 @dataclass(frozen=True)
 class PointsRenderer:
-    """See `geoprior.hooks.types.Renderer`."""
+    """See `geoprior.hooks.types.Renderer`.
+
+    Attributes:
+        footprint: Side of the square that a point covers, pixels.
+        masks: See `geoprior.render._kernel.word_masks`.
+        draw: The compiled kernel.
+    """
 
     footprint: int
+    masks: NDArray[np.uint64]
     draw: Callable[..., None]
 
     def render(self, clouds: Sequence[Cloud], view: View, steps: int) -> NDArray[np.uint8]:
         """Draw ``steps`` frames; what rests before a fixed camera is drawn once."""
-        frames = np.zeros((steps, view.height, view.width), dtype=np.uint8)
         drawn = [(pixel_matrices(cloud, view), axes_first(cloud.points)) for cloud in clouds]
+        return self.draw_all(drawn, view, steps)
+
+    def draw_all(
+        self, drawn: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]], view: View, steps: int
+    ) -> NDArray[np.uint8]:
+        """Draw what `pixel_matrices` and `axes_first` made of clouds; see `render`."""
+        words = np.zeros((steps, view.height, -(-view.width // 64)), dtype=np.uint64)
         resting = [(matrix, points) for matrix, points in drawn if matrix.ndim == 2]
         for matrix, points in resting:
-            self.draw(frames[:1], matrix[None], points, self.footprint)
+            self._draw(words[:1], view, matrix[None], points)
         if resting:
-            frames[1:] = frames[:1]
+            words[1:] = words[:1]
         for matrices, points in drawn:
             if matrices.ndim == 3:
-                self.draw(frames, matrices, points, self.footprint)
-        return frames
+                self._draw(words, view, matrices, points)
+        return np.ascontiguousarray(words.view(np.uint8)[..., : -(-view.width // 8)])
+
+    def _draw(
+        self,
+        words: NDArray[np.uint64],
+        view: View,
+        matrices: NDArray[np.float64],
+        points: NDArray[np.float64],
+    ) -> None:
+        self.draw(words, view.width, matrices, points, self.footprint, self.masks, NEAREST)
 
 
 def axes_first(points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -71,9 +94,9 @@ def pixel_matrices(cloud: Cloud, view: View) -> NDArray[np.float64]:
 
 def build(config: PointsConfig) -> PointsRenderer:
     """Import numba and build the renderer."""
-    from geoprior.render._kernel import draw
+    from geoprior.render._kernel import draw, word_masks
 
-    return PointsRenderer(config.footprint, draw)
+    return PointsRenderer(config.footprint, word_masks(config.footprint), draw)
 
 
 @hookimpl

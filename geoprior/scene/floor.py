@@ -38,5 +38,6 @@ def draw_floor(config: FloorConfig, rng: np.random.Generator) -> Floor:
     spacing = min(uniform(rng, config.spacing), side)
     steps = int(side / spacing)
     line = spacing * (np.arange(steps + 1) - 0.5 * steps)
-    x, y = (axis.ravel() for axis in np.meshgrid(line, line, indexing="ij"))
-    return Floor(side, height, spacing, np.column_stack([x, y, np.full(x.shape, height)]))
+    points = np.empty((len(line), len(line), 3))
+    points[..., 0], points[..., 1], points[..., 2] = line[:, None], line, height
+    return Floor(side, height, spacing, points.reshape(-1, 3))

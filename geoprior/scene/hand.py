@@ -14,13 +14,14 @@ quaternion.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from geoprior.geometry.interpolate import swing_frames
 from geoprior.geometry.projection import View, in_view
-from geoprior.geometry.se3 import TRANSFORM_CAMERA_TO_HAND_AXES, invert, make_transform
+from geoprior.geometry.se3 import TRANSFORM_CAMERA_TO_HAND_AXES, cross, invert, make_transform
 from geoprior.scene.mesh import extents
 from geoprior.scene.ranges import uniform
 from geoprior.scene.rejection import draw_until
@@ -58,17 +59,22 @@ class Hand:
 
 def cube_surface(side: float, count: int) -> FloatArray:
     """Lattice points on a cube's surface, ``count`` along an edge, in the hand frame."""
+    return np.asarray(side * _unit_cube(count))
+
+
+@lru_cache(maxsize=8)
+def _unit_cube(count: int) -> FloatArray:
     line = np.linspace(-0.5, 0.5, count)
     lattice = np.stack(np.meshgrid(line, line, line, indexing="ij"), axis=-1).reshape(-1, 3)
     shell = lattice[np.abs(lattice).max(axis=1) == 0.5]
-    return np.asarray(side * (shell - np.array([0.0, 0.0, 0.5])))
+    return np.asarray(shell - np.array([0.0, 0.0, 0.5]))
 
 
 def hand_rotation(forward: FloatArray, heading: float) -> FloatArray:
     """The hand frame (3, 3) of a forward axis and a heading in radians; see this module's docstring."""
     up = np.array([np.cos(heading), np.sin(heading), 0.0])
     down = np.array([0.0, 0.0, -1.0])
-    straight_down = np.column_stack([np.cross(up, down), up, down])
+    straight_down = np.column_stack([cross(up, down), up, down])
     return np.asarray(swing_frames(straight_down, forward, np.ones(1))[0])
 
 

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from geoprior.geometry.se3 import cross
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -28,6 +31,12 @@ class Mesh:
     faces: NDArray[np.int64]
     parameters: Mapping[str, float] = field(default_factory=dict)
 
+    @cached_property
+    def face_areas(self) -> FloatArray:
+        """(F,) area of each triangle, square metres."""
+        a, b, c = (self.vertices[self.faces[:, corner]] for corner in range(3))
+        return np.asarray(0.5 * np.linalg.norm(cross(b - a, c - a), axis=1))
+
 
 def convex_mesh(vertices: FloatArray) -> Mesh:
     """The convex hull of points as a mesh with outward faces (Qhull, by way of SciPy).
@@ -43,7 +52,7 @@ def convex_mesh(vertices: FloatArray) -> Mesh:
     hull = ConvexHull(vertices)
     faces = hull.simplices.astype(np.int64)
     a, b, c = (vertices[faces[:, corner]] for corner in range(3))
-    inward = np.sum(np.cross(b - a, c - a) * hull.equations[:, :3], axis=1) < 0.0
+    inward = np.sum(cross(b - a, c - a) * hull.equations[:, :3], axis=1) < 0.0
     faces[inward] = faces[inward][:, ::-1]
     used, renumbered = np.unique(faces, return_inverse=True)
     return Mesh(np.asarray(vertices, dtype=np.float64)[used], renumbered.reshape(faces.shape))
@@ -71,12 +80,6 @@ def scaled(mesh: Mesh, factors: FloatArray) -> Mesh:
     return replace(mesh, vertices=mesh.vertices * factors)
 
 
-def face_areas(mesh: Mesh) -> FloatArray:
-    """(F,) area of each triangle, square metres."""
-    a, b, c = (mesh.vertices[mesh.faces[:, corner]] for corner in range(3))
-    return np.asarray(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1))
-
-
 def sample_surface(mesh: Mesh, count: int, rng: np.random.Generator) -> FloatArray:
     """Points on the surface, uniform by area.
 
@@ -86,7 +89,7 @@ def sample_surface(mesh: Mesh, count: int, rng: np.random.Generator) -> FloatArr
     Returns:
         (count, 3) in the mesh's frame.
     """
-    cumulative = np.cumsum(face_areas(mesh))
+    cumulative = np.cumsum(mesh.face_areas)
     strips = (np.arange(count) + rng.random(count)) * (cumulative[-1] / count)
     chosen = mesh.faces[np.minimum(np.searchsorted(cumulative, strips, side="right"), len(cumulative) - 1)]
     # sqrt makes (1 - s, s (1 - r), s r) uniform on the triangle (Osada et al., 2002).
@@ -97,4 +100,4 @@ def sample_surface(mesh: Mesh, count: int, rng: np.random.Generator) -> FloatArr
 
 def points_for_density(mesh: Mesh, density: float) -> int:
     """How many points give ``density`` points a square metre; at least 32, so that none is invisible."""
-    return max(32, round(float(face_areas(mesh).sum()) * density))
+    return max(32, round(float(mesh.face_areas.sum()) * density))

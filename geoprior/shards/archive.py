@@ -36,7 +36,7 @@ class ArchiveWriter:
         write: Takes bytes, in order.
     """
 
-    def __init__(self, write: Callable[[bytes], object]) -> None:
+    def __init__(self, write: Callable[[bytes | memoryview], object]) -> None:
         self._write = write
         self._size = 0
 
@@ -47,8 +47,12 @@ class ArchiveWriter:
             ValueError: The name is not ASCII or has more than 100 characters.
         """
         padding = bytes(-len(content) % BLOCK)
-        self._write(_member_header(name, len(content)) + content + padding)
-        self._size += BLOCK + len(content) + len(padding)
+        self.add_blocks(member_header(name, len(content)) + content + padding)
+
+    def add_blocks(self, members: bytes | memoryview) -> None:
+        """Write whole members: headers, contents and padding."""
+        self._write(members)
+        self._size += len(members)
 
     def close(self) -> None:
         """Write the end of the archive."""
@@ -133,7 +137,12 @@ _BLANK = _template()
 _BLANK_SUM = sum(_BLANK[100:124]) + sum(_BLANK[136:148]) + 8 * ord(" ") + sum(_BLANK[156:])
 
 
-def _member_header(name: str, size: int) -> bytes:
+def member_header(name: str, size: int) -> bytes:
+    """The 512 bytes before a member's content.
+
+    Raises:
+        ValueError: The name is not ASCII or has more than 100 characters.
+    """
     encoded, digits = name.encode("ascii"), b"%011o\0" % size
     if len(encoded) > LONGEST_NAME:
         raise ValueError(f"the member name {name!r} is longer than {LONGEST_NAME} characters")

@@ -29,6 +29,9 @@ class GenerateConfig(Options):
         min_length=1,
         description="Solids, each as likely; name one twice, perhaps with other options, to see it more.",
     )
+    variants: list[Choice] = Field(
+        default=[], description="Ablations: what the cameras no longer see, applied in this order."
+    )
     renderer: Choice = Field(default=Choice(name="points"), description="How frames are drawn.")
     scene: SceneConfig = Field(default=SceneConfig(), description="Floor, object, hand and cameras.")
     episodes_per_shard: int = Field(

@@ -9,8 +9,8 @@ from geoprior.errors import DataError
 from geoprior.progress import track
 from geoprior.shards.manifest import write_manifest
 from geoprior.shards.reader import EpisodeStore
-from geoprior.shards.synthesis import recipe, synthesise
-from geoprior.shards.writer import write_shard
+from geoprior.shards.synthesis import Studio, recipe
+from geoprior.shards.writer import write_samples
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from geoprior.options import Choice
     from geoprior.shards.config import GenerateConfig
     from geoprior.shards.manifest import Manifest, ShardRecord
-
-__all__ = ["ShardTask", "generate", "make_shard", "plan_shards", "synthesise"]
 
 
 @dataclass(frozen=True)
@@ -66,10 +64,8 @@ def plan_shards(config: GenerateConfig, cameras: CamerasConfig, seed: int, out: 
 
 def make_shard(task: ShardTask) -> ShardRecord:
     """Make one shard, an episode at a time in memory."""
-    return write_shard(
-        task.path,
-        (synthesise(task.config, task.cameras, task.seed, motion, index) for motion, index in task.episodes),
-    )
+    studio = Studio(task.config, task.cameras, task.seed)
+    return write_samples(task.path, (studio.sample(motion, index) for motion, index in task.episodes))
 
 
 def generate(

@@ -17,7 +17,7 @@ from geoprior.shards.manifest import Manifest, write_manifest
 from geoprior.shards.writer import write_shard
 
 ZLIB = "1.2.13"
-"""The zlib with which the committed bytes were made; others may compress the same pixels differently."""
+"""The zlib with which the committed RGB frames were made; others may compress the same pixels differently."""
 
 FILE = "golden-000000.tar"
 STEPS, HEIGHT, WIDTH = 3, 16, 16

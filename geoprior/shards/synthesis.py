@@ -1,8 +1,9 @@
-"""One synthetic episode: a pure function of config, seed, motion and number."""
+"""Synthetic episodes: pure functions of config, seed, motion and number."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
@@ -14,18 +15,23 @@ from geoprior.geometry.se3 import invert, pose_vectors
 from geoprior.geometry.seeding import generator
 from geoprior.hooks.manager import plugins
 from geoprior.render import rig
+from geoprior.render.variation import vary
 from geoprior.scene.mesh import extents
 from geoprior.scene.scene import draw_scene
 from geoprior.shards.episode import CameraHeader, Episode, EpisodeHeader
+from geoprior.shards.sample import Sample, block_slices
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
     from numpy.typing import NDArray
 
     from geoprior.geometry.camera import CamerasConfig
     from geoprior.geometry.projection import View
-    from geoprior.hooks.types import Motion, Primitive, Renderer
+    from geoprior.hooks.types import Motion, Primitive, Renderer, Variant
     from geoprior.motions.trajectory import Trajectory
     from geoprior.options import Choice
+    from geoprior.render.clouds import Shot
     from geoprior.scene.scene import Scene
     from geoprior.shards.config import GenerateConfig
 
@@ -40,64 +46,119 @@ class Take:
         primitive: What the object is.
         scene: Where it happens.
         trajectory: What happens.
+        shots: What each camera sees of it, by name in alphabetical order.
     """
 
     primitive: Choice
     scene: Scene
     trajectory: Trajectory
+    shots: Mapping[str, Shot]
 
 
-def stage_episode(
-    config: GenerateConfig, cameras: CamerasConfig, seed: int, motion: Choice, index: int
-) -> Take:
-    """Draw the scene and plan the motion of one episode, without rendering it.
+class Studio:
+    """Makes the episodes of one data set; what they share is built once.
 
-    Raises:
-        ConfigError: A name or an option is unknown, or the config leaves no room for the scene.
-    """
-    rng = generator(seed, "generate", motion.name, index)
-    primitive = config.primitives[int(rng.integers(len(config.primitives)))]
-    shape: Primitive = plugins().build("primitive", primitive)
-    mover: Motion = plugins().build("motion", motion)
-    scene = draw_scene(config.scene, cameras, shape.sample(rng), rng)
-    return Take(primitive, scene, mover.plan(scene, config.steps, rng))
-
-
-def synthesise(
-    config: GenerateConfig, cameras: CamerasConfig, seed: int, motion: Choice, index: int
-) -> Episode:
-    """Make one episode.
+    Every episode is a pure function of config, cameras, seed, motion and number: the same alone or in a
+    batch, whatever else the data set holds.
 
     Args:
         config: The data set's config.
         cameras: Lenses and size of the frames.
         seed: Root seed.
-        motion: One of the config's motions.
-        index: Number of the episode within its motion.
-
-    Returns:
-        The episode. It is the same alone or in a batch, whatever else the data set holds.
 
     Raises:
-        ConfigError: A name or an option is unknown, or the config leaves no room for the scene.
+        ConfigError: A name or an option is unknown.
     """
-    take = stage_episode(config, cameras, seed, motion, index)
-    renderer: Renderer = plugins().build("renderer", config.renderer)
-    pose = pose_vectors(take.trajectory.transforms_hand_to_world, take.trajectory.gripper)
-    header = EpisodeHeader(
-        key=f"{motion.name}-{index:06d}",
-        source="synthetic",
-        motion=motion.name,
-        index=index,
-        seed=seed,
-        fps=config.fps,
-        steps=len(pose),
-        hands=[HAND],
-        cameras=_camera_headers(take),
-        generator=f"geoprior {__version__}",
-        details=_details(take) | {"recipe": recipe(config, cameras, seed, motion)},
-    )
-    return Episode(header, pose, next_poses(pose), rig.render(renderer, take.scene, take.trajectory))
+
+    def __init__(self, config: GenerateConfig, cameras: CamerasConfig, seed: int) -> None:
+        self.config, self.cameras, self.seed = config, cameras, seed
+        build = plugins().build
+        self.renderer: Renderer = build("renderer", config.renderer)
+        self._shapes: list[Primitive] = [build("primitive", choice) for choice in config.primitives]
+        self._variants: list[Variant] = [build("variant", choice) for choice in config.variants]
+        self._motions: dict[str, tuple[Motion, str]] = {}
+
+    def stage(self, motion: Choice, index: int) -> Take:
+        """Draw the scene and plan the motion of one episode, without rendering it.
+
+        Args:
+            motion: One of the config's motions, or another one.
+            index: Number of the episode within its motion.
+
+        Raises:
+            ConfigError: The motion or an option is unknown, or the config leaves no room for the scene.
+        """
+        rng = generator(self.seed, "generate", motion.name, index)
+        kind = int(rng.integers(len(self._shapes)))
+        scene = draw_scene(self.config.scene, self.cameras, self._shapes[kind].sample(rng), rng)
+        trajectory = self._motion(motion)[0].plan(scene, self.config.steps, rng)
+        shots = vary(rig.shots(scene, trajectory), self._variants)
+        return Take(self.config.primitives[kind], scene, trajectory, shots)
+
+    def sample(self, motion: Choice, index: int) -> Sample:
+        """Make one episode as it is written; its frames are drawn when they are asked for. See `stage`."""
+        take = self.stage(motion, index)
+        header, pose = self._header_and_pose(take, motion, index)
+        frames = {name: partial(self._blocks, shot) for name, shot in take.shots.items()}
+        return Sample(header, pose, next_poses(pose), frames)
+
+    def episode(self, motion: Choice, index: int) -> Episode:
+        """Make one episode in memory; see `stage`."""
+        take = self.stage(motion, index)
+        header, pose = self._header_and_pose(take, motion, index)
+        images = {name: rig.render(self.renderer, shot) for name, shot in take.shots.items()}
+        return Episode(header, pose, next_poses(pose), images)
+
+    def recipe(self, motion: Choice) -> str:
+        """See `recipe`."""
+        return self._motion(motion)[1]
+
+    def _motion(self, motion: Choice) -> tuple[Motion, str]:
+        key = motion.model_dump_json()
+        if key not in self._motions:
+            made: Motion = plugins().build("motion", motion)
+            self._motions[key] = made, recipe(self.config, self.cameras, self.seed, motion)
+        return self._motions[key]
+
+    def _blocks(self, shot: Shot) -> Iterator[NDArray[np.uint8]]:
+        frame_bytes = shot.view.height * -(-shot.view.width // 8)
+        for steps in block_slices(shot.steps, frame_bytes):
+            part = shot.at(steps)
+            yield self.renderer.render(part.clouds, part.view, part.steps)
+
+    def _header_and_pose(
+        self, take: Take, motion: Choice, index: int
+    ) -> tuple[EpisodeHeader, NDArray[np.float32]]:
+        config = self.config
+        pose = pose_vectors(take.trajectory.transforms_hand_to_world, take.trajectory.gripper)
+        header = EpisodeHeader(
+            key=f"{motion.name}-{index:06d}",
+            source="synthetic",
+            motion=motion.name,
+            index=index,
+            seed=self.seed,
+            fps=config.fps,
+            steps=len(pose),
+            hands=[HAND],
+            cameras=_camera_headers(take),
+            generator=f"geoprior {__version__}",
+            details=_details(take) | _named_variants(config) | {"recipe": self.recipe(motion)},
+        )
+        return header, pose
+
+
+def stage_episode(
+    config: GenerateConfig, cameras: CamerasConfig, seed: int, motion: Choice, index: int
+) -> Take:
+    """Stage one episode alone; see `Studio.stage`."""
+    return Studio(config, cameras, seed).stage(motion, index)
+
+
+def synthesise(
+    config: GenerateConfig, cameras: CamerasConfig, seed: int, motion: Choice, index: int
+) -> Episode:
+    """Make one episode alone; see `Studio.episode`."""
+    return Studio(config, cameras, seed).episode(motion, index)
 
 
 def next_poses(pose: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -113,6 +174,10 @@ def recipe(config: GenerateConfig, cameras: CamerasConfig, seed: int, motion: Ch
     made_from = config.model_dump(mode="json", exclude={"episodes", "episodes_per_shard", "motions"})
     made_from |= {"motion": motion.model_dump(mode="json"), "cameras": cameras.model_dump(mode="json")}
     return sha256_json(made_from | {"seed": seed, "generator": __version__})
+
+
+def _named_variants(config: GenerateConfig) -> dict[str, list[str]]:
+    return {"variants": [variant.name for variant in config.variants]} if config.variants else {}
 
 
 def _camera_headers(take: Take) -> list[CameraHeader]:

@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING
 from geoprior.errors import DataError
 from geoprior.files import atomic_path
 from geoprior.shards.archive import ArchiveWriter
+from geoprior.shards.binary_png import encode_binary_png, encode_members
 from geoprior.shards.codec import encode_header, encode_npy, encode_png
 from geoprior.shards.index import ACTION, HEADER, POSE, frame_suffixes
 from geoprior.shards.manifest import ShardRecord, check_name
+from geoprior.shards.sample import Sample, check_sample, sample_of
 
 if TYPE_CHECKING:
-    from geoprior.shards.episode import Episode
+    from geoprior.shards.episode import CameraHeader, Episode
 
 
 class _Sink:
@@ -26,24 +28,29 @@ class _Sink:
         self.digest = hashlib.sha256()
         self.bytes = 0
 
-    def write(self, content: bytes) -> None:
+    def write(self, content: bytes | memoryview) -> None:
         self.file.write(content)
         self.digest.update(content)
         self.bytes += len(content)
 
 
 def write_shard(path: Path, episodes: Iterable[Episode]) -> ShardRecord:
-    """Write a shard; it is whole or not there. Holds one episode in memory at a time.
+    """Write episodes that are in memory; see `write_samples`."""
+    return write_samples(path, map(sample_of, episodes))
+
+
+def write_samples(path: Path, samples: Iterable[Sample]) -> ShardRecord:
+    """Write a shard; it is whole or not there. Holds one sample in memory at a time.
 
     Args:
         path: ``NAME.tar``.
-        episodes: In the order wanted; each is checked on the way.
+        samples: In the order wanted; each is checked on the way.
 
     Returns:
         What the manifest says of it.
 
     Raises:
-        DataError: An episode breaks the contract, two share a key, there is none, or the file cannot be
+        DataError: A sample breaks the contract, two share a key, there is none, or the file cannot be
             written or bear that name; the message names the sample.
     """
     check_name(path)
@@ -52,12 +59,12 @@ def write_shard(path: Path, episodes: Iterable[Episode]) -> ShardRecord:
         sink = _Sink(temporary)
         with sink.file:
             archive = ArchiveWriter(sink.write)
-            for episode in episodes:
-                if episode.header.key in keys:
-                    raise DataError(f"{path}: two episodes have the key {episode.header.key!r}")
-                keys[episode.header.key] = None
-                _add(path, archive, episode)
-                del episode  # before the next one is made
+            for sample in samples:
+                if sample.header.key in keys:
+                    raise DataError(f"{path}: two episodes have the key {sample.header.key!r}")
+                keys[sample.header.key] = None
+                _add(path, archive, sample)
+                del sample  # before the next one is made
             archive.close()
         if not keys:
             raise DataError(f"{path}: there are no episodes to write")
@@ -65,32 +72,53 @@ def write_shard(path: Path, episodes: Iterable[Episode]) -> ShardRecord:
 
 
 def encode_episode(episode: Episode) -> Iterator[tuple[str, bytes]]:
-    """The members of a sample as ``(suffix, content)``, in no particular order.
+    """The members of an episode's sample as ``(suffix, content)``, in no particular order.
 
     Raises:
         DataError: The episode breaks the contract; the message names the sample and the field.
     """
-    episode.validate()
-    key = episode.header.key
-    try:
-        yield HEADER, encode_header(episode.header)
-    except ValueError as error:
-        raise DataError(f"{key}: the header cannot be written as JSON: {error}") from error
-    yield POSE, encode_npy(episode.pose)
-    yield ACTION, encode_npy(episode.action)
+    sample = sample_of(episode)
+    yield from _small_members(sample).items()
     for camera in episode.header.cameras:
-        suffixes = frame_suffixes(camera.name, episode.header.steps)
-        for step, frame in enumerate(episode.images[camera.name]):
-            try:
-                yield suffixes[step], encode_png(frame)
-            except ValueError as error:
-                raise DataError(f"{key}.{camera.name}: step {step} {error}") from error
+        suffixes = iter(frame_suffixes(camera.name, episode.header.steps))
+        for block in sample.frames[camera.name]():
+            for frame in block:
+                binary = camera.channels == 1
+                yield next(suffixes), encode_binary_png(frame, camera.width) if binary else encode_png(frame)
 
 
-def _add(path: Path, archive: ArchiveWriter, episode: Episode) -> None:
-    key = episode.header.key
-    for suffix, content in sorted(encode_episode(episode)):
-        try:
-            archive.add(f"{key}.{suffix}", content)
-        except ValueError as error:
-            raise DataError(f"{path}: {error}", "use a shorter key or camera name") from error
+def _add(path: Path, archive: ArchiveWriter, sample: Sample) -> None:
+    """Add a sample's members in alphabetical order: every camera's frames follow each other in it."""
+    check_sample(sample)
+    small = _small_members(sample)
+    cameras = {frame_suffixes(camera.name, 1)[0]: camera for camera in sample.header.cameras}
+    try:
+        for suffix in sorted([*small, *cameras]):
+            if suffix in small:
+                archive.add(f"{sample.header.key}.{suffix}", small[suffix])
+            else:
+                _add_frames(archive, sample, cameras[suffix])
+    except ValueError as error:
+        raise DataError(f"{path}: {error}", "use a shorter key or camera name") from error
+
+
+def _add_frames(archive: ArchiveWriter, sample: Sample, camera: CameraHeader) -> None:
+    key, step = sample.header.key, 0
+    suffixes = frame_suffixes(camera.name, sample.header.steps)
+    for block in sample.frames[camera.name]():
+        if camera.channels == 1:
+            archive.add_blocks(encode_members(block, camera.width, f"{key}.{suffixes[0]}", step).data)
+        else:
+            for suffix, frame in zip(suffixes[step:], block, strict=False):
+                archive.add(f"{key}.{suffix}", encode_png(frame))
+        step += len(block)
+    if step != sample.header.steps:
+        raise DataError(f"{key}.{camera.name}: {step} frames were made, not {sample.header.steps}")
+
+
+def _small_members(sample: Sample) -> dict[str, bytes]:
+    try:
+        header = encode_header(sample.header)
+    except ValueError as error:
+        raise DataError(f"{sample.header.key}: the header cannot be written as JSON: {error}") from error
+    return {HEADER: header, POSE: encode_npy(sample.pose), ACTION: encode_npy(sample.action)}

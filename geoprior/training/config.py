@@ -6,7 +6,7 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from geoprior.options import Options
+from geoprior.options import Choice, Options
 
 
 class TrainConfig(Options):
@@ -51,7 +51,9 @@ class TrainConfig(Options):
         2, ge=0, le=64, description="Batches read ahead in a thread; never changes a result."
     )
     frame_cache_mb: int = Field(
-        256, ge=0, description="Memory for decoded frames, in MiB; never changes a result."
+        256,
+        ge=0,
+        description="Memory for decoded frames or staged episodes, in MiB; never changes a result.",
     )
     checkpoint_every: int | None = Field(
         None, ge=1, description="Epochs between checkpoints; null writes only the one at the end."
@@ -67,6 +69,11 @@ class PretrainConfig(TrainConfig):
 
     epochs: int = Field(
         128, ge=1, le=10_000_000, description="Passes over the episodes, one time step of each."
+    )
+    source: Choice = Field(
+        default=Choice(name="shards"),
+        description="Where the episodes come from: `shards` reads those that were generated, `endless` makes "
+        "fresh ones while training.",
     )
 
 

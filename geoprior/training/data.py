@@ -1,12 +1,11 @@
-"""From episodes on disk to normalised batches, in an order that depends on seed and step only."""
+"""From a source's episodes to normalised batches, in an order that depends on seed and step only."""
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Generator
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -14,83 +13,31 @@ import torch
 from geoprior.geometry.seeding import generator
 from geoprior.policies.normalise import FeatureStatistics, Normaliser, measure, normalise_images
 from geoprior.policies.policy import Batch, Features
-from geoprior.training.frames import FrameReader, FrameSource, add_noise, shift_frames
+from geoprior.training.frames import add_noise, shift_frames, stack_cameras
 from geoprior.training.order import SampleOrder
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from geoprior.sources.source import Source
     from geoprior.training.config import TrainConfig
 
 
-class Store(FrameSource, Protocol):
-    """What training needs of `geoprior.shards.reader.EpisodeStore`."""
-
-    @property
-    def cameras(self) -> tuple[str, ...]:
-        """Names in alphabetical order."""
-        ...
-
-    @property
-    def fps(self) -> float:
-        """Time steps a second."""
-        ...
-
-    @property
-    def image_size(self) -> tuple[int, int]:
-        """(height, width) of every camera."""
-        ...
-
-    @property
-    def digest(self) -> str:
-        """Fingerprint of the data."""
-        ...
-
-    def __len__(self) -> int: ...
-
-    def pose(self, i: int) -> NDArray[np.float32]:
-        """(N, pose_size) of episode ``i``."""
-        ...
-
-    def action(self, i: int) -> NDArray[np.float32]:
-        """(N, pose_size) of episode ``i``."""
-        ...
+def features_of(source: Source, chunk: int) -> Features:
+    """What a policy of that chunk sees and says here."""
+    return Features(source.cameras, source.image_size, source.poses[0].shape[1], chunk)
 
 
-@dataclass(frozen=True)
-class Demonstrations:
-    """A store with its poses and actions in memory; frames stay on disk until they are needed.
-
-    Attributes:
-        store: Where the frames are.
-        poses: Per episode (N, pose_size) float32, raw.
-        actions: The same shapes.
-    """
-
-    store: Store
-    poses: tuple[NDArray[np.float32], ...]
-    actions: tuple[NDArray[np.float32], ...]
-
-    @classmethod
-    def load(cls, store: Store) -> Demonstrations:
-        """Read all poses and actions."""
-        episodes = range(len(store))
-        return cls(store, tuple(store.pose(i) for i in episodes), tuple(store.action(i) for i in episodes))
-
-    def features(self, chunk: int) -> Features:
-        """What a policy of that chunk sees and says here."""
-        return Features(self.store.cameras, self.store.image_size, self.poses[0].shape[1], chunk)
-
-    def statistics(self) -> dict[str, FeatureStatistics]:
-        """Over all time steps."""
-        return {"pose": measure(self.poses), "action": measure(self.actions)}
+def statistics_of(source: Source) -> dict[str, FeatureStatistics]:
+    """Over all time steps of the first epoch's episodes."""
+    return {"pose": measure(source.poses), "action": measure(source.actions)}
 
 
 class Batches:
     """The batches of one training.
 
     Args:
-        demonstrations: Raw.
+        source: Where the episodes come from.
         features: Chunk and cameras.
         normaliser: Applied to poses and actions.
         config: Batch size, skip, noise and shift.
@@ -98,38 +45,33 @@ class Batches:
     """
 
     def __init__(
-        self,
-        demonstrations: Demonstrations,
-        features: Features,
-        normaliser: Normaliser,
-        config: TrainConfig,
-        seed: int,
+        self, source: Source, features: Features, normaliser: Normaliser, config: TrainConfig, seed: int
     ) -> None:
-        cache_bytes = config.frame_cache_mb * 2**20
-        self._frames = FrameReader(demonstrations.store, features.cameras, cache_bytes)
-        self._features, self._config, self._seed = features, config, seed
-        self._poses = [normaliser.normalise("pose", pose) for pose in demonstrations.poses]
-        self._actions = [normaliser.normalise("action", action) for action in demonstrations.actions]
-        self._order = SampleOrder(seed, [len(pose) for pose in self._poses])
+        self._source, self._features, self._normaliser = source, features, normaliser
+        self._config, self._seed = config, seed
+        self._lengths = np.array([len(pose) for pose in source.poses])
+        self._order = SampleOrder(seed, self._lengths.tolist())
 
     def batch(self, step: int) -> Batch:
         """The batch of optimiser step ``step``, from 0."""
-        size = self._config.batch_size
-        samples = self._order.samples(step * size, size)
+        size, slots_of_epoch = self._config.batch_size, len(self._lengths)
+        positions = np.arange(step * size, (step + 1) * size)
+        slots, times = self._order.samples(step * size, size).T
+        numbers = positions // slots_of_epoch * slots_of_epoch + slots
+        steps, valid = chunk_steps(times, self._lengths[slots], self._features.chunk, self._config.skip)
+        moments = self._source.read(numbers, steps)
         rng = generator(self._seed, "augment", step)
-        poses = np.stack([self._poses[episode][time] for episode, time in samples])
-        chunks = [self._chunk(episode, time) for episode, time in samples]
-        frames = self._frames.read(samples)
+        frames = stack_cameras(moments.frames, self._features.cameras)
         if self._config.image_shift:
             frames = shift_frames(frames, self._config.image_shift, rng)
         return {
-            "pose": torch.from_numpy(poses),
+            "pose": torch.from_numpy(self._normaliser.normalise("pose", moments.pose)),
             "images": normalise_images(add_noise(frames, self._config.image_noise, rng)),
-            "action": torch.from_numpy(np.stack([actions for actions, _ in chunks])),
-            "valid": torch.from_numpy(np.stack([valid for _, valid in chunks])),
+            "action": torch.from_numpy(self._normaliser.normalise("action", moments.action)),
+            "valid": torch.from_numpy(valid),
         }
 
-    def stream(self, first: int, last: int) -> Iterator[Batch]:
+    def stream(self, first: int, last: int) -> Generator[Batch, None, None]:
         """The batches of the steps ``first .. last - 1``, read ahead by a thread if the config says so."""
         if self._config.prefetch == 0:
             yield from map(self.batch, range(first, last))
@@ -147,23 +89,21 @@ class Batches:
                 for future in ahead:
                     future.cancel()
 
-    def _chunk(self, episode: int, time: int) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-        return chunk_of(self._actions[episode], time, self._features.chunk, self._config.skip)
 
-
-def chunk_of(
-    actions: NDArray[np.float32], time: int, chunk: int, skip: int
-) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """The actions ``time, time + skip, ...``; after the end the last one repeats, marked as not valid.
+def chunk_steps(
+    times: NDArray[np.int64], lengths: NDArray[np.int64], chunk: int, skip: int
+) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """The time steps ``t, t + skip, ...``; after the end the last one repeats, marked as not valid.
 
     Args:
-        actions: (N, channels).
-        time: First step, in [0, N).
-        chunk: How many.
+        times: (B,) t, each in [0, N) of its episode.
+        lengths: (B,) N.
+        chunk: How many time steps.
         skip: Steps from one to the next.
 
     Returns:
-        (chunk, channels) and (chunk,) bool.
+        (B, chunk) and (B, chunk) bool.
     """
-    indices = time + skip * np.arange(chunk)
-    return actions[np.minimum(indices, len(actions) - 1)], indices < len(actions)
+    steps = times[:, None] + skip * np.arange(chunk)
+    ends = lengths[:, None]
+    return np.minimum(steps, ends - 1), steps < ends

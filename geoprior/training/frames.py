@@ -1,10 +1,10 @@
-"""Frames on their way into a batch: read, kept, moved and made noisy."""
+"""Frames on their way into a batch: stacked, moved and made noisy."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from statistics import NormalDist
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -18,53 +18,19 @@ if TYPE_CHECKING:
 _LEVELS = 256
 
 
-class FrameSource(Protocol):
-    """What is needed of `geoprior.shards.reader.EpisodeStore`."""
-
-    def frames(self, i: int, camera: str, steps: Sequence[int]) -> NDArray[np.uint8]:
-        """(S, H, W) or (S, H, W, 3) of episode ``i``."""
-        ...
-
-
-class FrameReader:
-    """Reads single frames and keeps the first ones that it reads, as far as the memory goes.
+def stack_cameras(frames: Mapping[str, NDArray[np.uint8]], cameras: Sequence[str]) -> NDArray[np.uint8]:
+    """Frames of several cameras as one array.
 
     Args:
-        source: Where they are.
-        cameras: In the order of the batch.
-        cache_bytes: Memory for decoded frames; what does not fit is read again.
+        frames: Per camera (B, H, W) binary or (B, H, W, 3) RGB.
+        cameras: Names, in the order of the batch.
+
+    Returns:
+        (B, cameras, H, W, C) uint8; C is 1 if all cameras are binary, else 3.
     """
-
-    def __init__(self, source: FrameSource, cameras: tuple[str, ...], cache_bytes: int) -> None:
-        self._source, self._cameras, self._room = source, cameras, cache_bytes
-        self._kept: dict[tuple[int, str, int], NDArray[np.uint8]] = {}
-
-    def read(self, samples: NDArray[np.int64]) -> NDArray[np.uint8]:
-        """Frames of all cameras.
-
-        Args:
-            samples: (B, 2): episode and time step.
-
-        Returns:
-            (B, cameras, H, W, C) uint8; C is 1 if all cameras are binary, else 3.
-        """
-        pairs = samples.tolist()
-        columns = [
-            as_channels(np.concatenate([self._frame(episode, camera, time) for episode, time in pairs]))
-            for camera in self._cameras
-        ]
-        channels = max(column.shape[-1] for column in columns)
-        return np.stack([np.broadcast_to(c, (*c.shape[:-1], channels)) for c in columns], axis=1)
-
-    def _frame(self, episode: int, camera: str, time: int) -> NDArray[np.uint8]:
-        key = (episode, camera, time)
-        if key in self._kept:
-            return self._kept[key]
-        frame = self._source.frames(episode, camera, [time])
-        if frame.nbytes <= self._room:
-            self._room -= frame.nbytes
-            self._kept[key] = frame
-        return frame
+    columns = [as_channels(frames[camera]) for camera in cameras]
+    channels = max(column.shape[-1] for column in columns)
+    return np.stack([np.broadcast_to(c, (*c.shape[:-1], channels)) for c in columns], axis=1)
 
 
 def shift_frames(frames: NDArray[np.uint8], largest: int, rng: np.random.Generator) -> NDArray[np.uint8]:

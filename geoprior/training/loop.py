@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, cast
 
@@ -116,8 +116,11 @@ def _run(training: Training) -> dict[str, Any]:
     begun = saved - progress.seconds
     due = _checkpoint_steps(training)
     label, batch_size = training.run, config.batch_size
-    with track(label, training.steps * batch_size, "samples", progress.step * batch_size) as shown:
-        for batch in training.batches.stream(progress.step, training.steps):
+    with (
+        closing(training.batches.stream(progress.step, training.steps)) as batches,
+        track(label, training.steps * batch_size, "samples", progress.step * batch_size) as shown,
+    ):
+        for batch in batches:
             metrics = _take_step(training, optimizer, progress.step, batch)
             averages = _average(progress.averages, metrics, progress.step)
             now = time.monotonic()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -20,8 +21,10 @@ from geoprior.policies.checkpoint import (
 from geoprior.policies.normalise import Normaliser, Statistics, merge
 from geoprior.policies.policy import PolicyOptions
 from geoprior.shards.reader import EpisodeStore
+from geoprior.sources.shards import ShardSource
+from geoprior.sources.source import SourceContext
 from geoprior.training.config import ConditionConfig, TrainConfig
-from geoprior.training.data import Batches, Demonstrations
+from geoprior.training.data import Batches, features_of, statistics_of
 from geoprior.training.loop import Training, fit
 from geoprior.training.machine import Machine, decide_machine
 
@@ -30,8 +33,11 @@ if TYPE_CHECKING:
 
     from torch import nn
 
+    from geoprior.geometry.camera import CamerasConfig
     from geoprior.options import Choice
     from geoprior.policies.policy import Features
+    from geoprior.shards.config import GenerateConfig
+    from geoprior.sources.source import Source
     from geoprior.training.config import FinetuneConfig, PretrainConfig
 
 _SCRATCH = ConditionConfig(init="scratch")
@@ -57,7 +63,16 @@ class Job:
     folder: Path
 
 
-def pretrain(config: PretrainConfig, *, policy: Choice, seed: int, data: Path, out: Path) -> dict[str, Any]:
+def pretrain(
+    config: PretrainConfig,
+    *,
+    policy: Choice,
+    seed: int,
+    data: Path,
+    generate: GenerateConfig,
+    cameras: CamerasConfig,
+    out: Path,
+) -> dict[str, Any]:
     """Train on the geometric data set.
 
     Args:
@@ -65,6 +80,8 @@ def pretrain(config: PretrainConfig, *, policy: Choice, seed: int, data: Path, o
         policy: What learns.
         seed: Root seed of the run.
         data: Folder of shards.
+        generate: What they were made from.
+        cameras: The same.
         out: Gets ``epoch-*.safetensors`` and their JSON, ``log.jsonl``, ``machine.json``, ``result.json``.
 
     Returns:
@@ -73,9 +90,10 @@ def pretrain(config: PretrainConfig, *, policy: Choice, seed: int, data: Path, o
     Raises:
         GeopriorError: See `geoprior.training.loop.fit`.
     """
-    demonstrations = Demonstrations.load(EpisodeStore(data))
+    context = SourceContext(data, generate, cameras, seed, config.frame_cache_mb * 2**20)
     job = Job("pretrain", integer_seed(seed, "pretrain"), _SCRATCH, None, out)
-    return train(config, job, policy, demonstrations, decide_machine(config, out))
+    with closing(plugins().build("source", config.source, context)) as source:
+        return train(config, job, policy, source, decide_machine(config, out))
 
 
 def finetune(
@@ -100,7 +118,7 @@ def finetune(
     Raises:
         GeopriorError: See `geoprior.training.loop.fit`; and where a prior is missing or does not fit.
     """
-    demonstrations = Demonstrations.load(EpisodeStore(demos))
+    source = ShardSource(EpisodeStore(demos), config.frame_cache_mb * 2**20)
     machine = decide_machine(config, out)
     results = {}
     for name, condition in config.conditions.items():
@@ -109,18 +127,16 @@ def finetune(
             folder = out / f"{name}-s{training_seed}"
             run_seed = integer_seed(seed, "finetune", training_seed)
             job = Job(f"finetune/{folder.name}", run_seed, condition, checkpoint, folder)
-            results[folder.name] = train(config, job, policy, demonstrations, machine)
+            results[folder.name] = train(config, job, policy, source, machine)
     return results
 
 
-def train(
-    config: TrainConfig, job: Job, choice: Choice, demonstrations: Demonstrations, machine: Machine
-) -> dict[str, Any]:
+def train(config: TrainConfig, job: Job, choice: Choice, source: Source, machine: Machine) -> dict[str, Any]:
     """Set one training up and take it to its end; see `pretrain`."""
     choice = plugins().resolve("policy", choice)
-    features = demonstrations.features(_chunk(choice))
-    fps = demonstrations.store.fps / config.skip
-    statistics = _statistics(job, demonstrations)
+    features = features_of(source, _chunk(choice))
+    fps = source.fps / config.skip
+    statistics = _statistics(job, source)
     policy = build_policy(choice, features, job.seed)
     transfer = _transfer(job, policy, features, fps)
     common = config.model_dump(mode="json", include=set(TrainConfig.model_fields) - _SPEED_ONLY)
@@ -131,7 +147,7 @@ def train(
         "device": machine.device,
         "precision": machine.precision,
         "threads": machine.threads,
-        "data": {"digest": demonstrations.store.digest, "episodes": len(demonstrations.store)},
+        "data": {"digest": source.digest, "episodes": len(source)},
         "transfer": transfer,
     }
     training = Training(
@@ -139,8 +155,8 @@ def train(
         folder=job.folder,
         config=config,
         policy=policy,
-        batches=Batches(demonstrations, features, Normaliser(statistics), config, job.seed),
-        episodes=len(demonstrations.store),
+        batches=Batches(source, features, Normaliser(statistics), config, job.seed),
+        episodes=len(source),
         seed=job.seed,
         machine=machine,
         header=CheckpointHeader(choice, features, fps, statistics, 0, 0, details),
@@ -184,12 +200,12 @@ def _chunk(choice: Choice) -> int:
     return options.chunk
 
 
-def _statistics(job: Job, demonstrations: Demonstrations) -> Statistics:
+def _statistics(job: Job, source: Source) -> Statistics:
     kind = job.condition.statistics
     if job.prior is None or kind == "new":
-        return demonstrations.statistics()
+        return statistics_of(source)
     pretrained = Normaliser(read_header(job.prior).statistics).statistics
-    return pretrained if kind == "pretrained" else merge(pretrained, demonstrations.statistics())
+    return pretrained if kind == "pretrained" else merge(pretrained, statistics_of(source))
 
 
 def _transfer(job: Job, policy: nn.Module, features: Features, fps: float) -> dict[str, Any]:

@@ -14,11 +14,22 @@ from geoprior.geometry.se3 import make_transform
 from geoprior.hooks.manager import plugins
 from geoprior.options import Choice
 from geoprior.render.clouds import Cloud
+from geoprior.render.packing import unpack_frames
 from geoprior.render.points import axes_first
 
 
+class Drawn:
+    """The renderer with its frames unpacked."""
+
+    def __init__(self, footprint):
+        self.made = plugins().build("renderer", Choice(name="points", options={"footprint": footprint}))
+
+    def render(self, clouds, view, steps):
+        return unpack_frames(self.made.render(clouds, view, steps), view.width)
+
+
 def renderer(footprint=2):
-    return plugins().build("renderer", Choice(name="points", options={"footprint": footprint}))
+    return Drawn(footprint)
 
 
 def slow(clouds, view, steps, footprint):
@@ -63,8 +74,8 @@ def test_identical_to_the_slow_reference(seed):
         width,
     )
     clouds = [
-        Cloud(rng.normal(scale=0.5, size=(150, 3)), np.eye(4)),
-        Cloud(rng.normal(scale=0.3, size=(80, 3)), random_transforms(rng, steps, 0.2, 0.0)),
+        Cloud("body", rng.normal(scale=0.5, size=(150, 3)), np.eye(4)),
+        Cloud("body", rng.normal(scale=0.3, size=(80, 3)), random_transforms(rng, steps, 0.2, 0.0)),
     ]
     frames = renderer(footprint).render(clouds, view, steps)
     expected = slow(clouds, view, steps, footprint)
@@ -78,7 +89,7 @@ def lens(height=20, width=30):
 
 
 def lit(points, footprint=2, view=None):
-    frame = renderer(footprint).render([Cloud(np.array(points), np.eye(4))], view or lens(), 1)[0]
+    frame = renderer(footprint).render([Cloud("body", np.array(points), np.eye(4))], view or lens(), 1)[0]
     return {(int(row), int(column)) for row, column in np.argwhere(frame == 255)}
 
 
@@ -124,8 +135,8 @@ def test_nothing_to_draw_is_black():
 def test_the_order_of_points_and_clouds_does_not_matter():
     rng = np.random.default_rng(0)
     points = rng.normal(size=(300, 3)) + np.array([0.0, 0.0, 2.0])
-    whole = renderer().render([Cloud(points, np.eye(4))], lens(), 2)
-    parts = [Cloud(points[::-1][:100], np.eye(4)), Cloud(points[::-1][100:], np.eye(4)[None].repeat(2, 0))]
+    whole = renderer().render([Cloud("body", points, np.eye(4))], lens(), 2)
+    parts = [Cloud("body", points[::-1][:100], np.eye(4)), Cloud("body", points[::-1][100:], np.eye(4)[None].repeat(2, 0))]
     np.testing.assert_array_equal(whole, renderer().render(parts, lens(), 2))
 
 
@@ -136,15 +147,15 @@ def test_axes_first_is_contiguous():
 
 
 def test_the_kernel_compiles_where_no_cache_folder_can_be_written(monkeypatch):
-    from geoprior.render import _kernel
+    from geoprior import compiled
 
     def njit(cache=False, **options):
         if cache:
             raise RuntimeError("cannot cache function: no locator available")
         return lambda function: (function, options)
 
-    monkeypatch.setattr(_kernel.numba, "njit", njit)
-    function, options = _kernel.compiled(len)
+    monkeypatch.setattr(compiled.numba, "njit", njit)
+    function, options = compiled.compiled(len)
     assert function is len
     assert "fastmath" not in options
 

@@ -12,6 +12,7 @@ from geoprior.hooks.manager import plugins
 from geoprior.options import Choice
 from geoprior.render import rig
 from geoprior.render.clouds import Cloud
+from geoprior.render.packing import unpack_frames
 from geoprior.shards.config import GenerateConfig
 from geoprior.shards.synthesis import stage_episode, synthesise
 
@@ -21,7 +22,8 @@ MOTIONS = ("pick", "place", "push")
 
 
 def draw(clouds, view, steps):
-    return plugins().build("renderer", Choice(name="points")).render(clouds, view, steps)
+    drawn = plugins().build("renderer", Choice(name="points")).render(clouds, view, steps)
+    return unpack_frames(drawn, view.width)
 
 
 @pytest.mark.parametrize("motion", MOTIONS)
@@ -29,7 +31,8 @@ def test_frames_hold_exactly_what_each_camera_shall_see(motion):
     for index in range(4):
         take = stage_episode(CONFIG, CAMERAS, 2, Choice(name=motion), index)
         scene, trajectory = take.scene, take.trajectory
-        frames = rig.render(plugins().build("renderer", Choice(name="points")), scene, trajectory)
+        renderer = plugins().build("renderer", Choice(name="points"))
+        frames = {name: rig.render(renderer, shot) for name, shot in take.shots.items()}
         assert list(frames) == ["hand", "third"]
         for step in range(12):
             body = apply(trajectory.transforms_object_to_world[step], scene.object.points)
@@ -39,9 +42,9 @@ def test_frames_hold_exactly_what_each_camera_shall_see(motion):
                 world.append(trajectory.marker_points)
             camera = trajectory.transforms_hand_to_world[step] @ scene.hand.transform_camera_to_hand
             riding = View(invert(camera), scene.hand_view.intrinsics, 64, 64)
-            seen = draw([Cloud(np.vstack(world), np.eye(4))], riding, 1)[0]
+            seen = draw([Cloud("body", np.vstack(world), np.eye(4))], riding, 1)[0]
             np.testing.assert_array_equal(frames["hand"][step], seen)
-            seen = draw([Cloud(np.vstack([*world, cube]), np.eye(4))], scene.third_view, 1)[0]
+            seen = draw([Cloud("body", np.vstack([*world, cube]), np.eye(4))], scene.third_view, 1)[0]
             np.testing.assert_array_equal(frames["third"][step], seen)
 
 

@@ -11,7 +11,6 @@ from geoprior.scene.mesh import (
     centred,
     convex_mesh,
     extents,
-    face_areas,
     points_for_density,
     sample_surface,
     scaled,
@@ -30,7 +29,7 @@ def test_the_hull_of_a_cube():
     assert len(mesh.vertices) == 8, "the inner point is dropped"
     assert len(mesh.faces) == 12
     assert signed_volume(mesh) == pytest.approx(1.0)
-    assert face_areas(mesh).sum() == pytest.approx(6.0)
+    assert mesh.face_areas.sum() == pytest.approx(6.0)
 
 
 def test_centring_and_stretching():

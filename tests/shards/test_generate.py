@@ -94,7 +94,7 @@ def test_another_seed_gives_other_episodes(made, tmp_path):
 
 def test_it_goes_on_where_it_was_and_makes_nothing_twice(made, tmp_path, monkeypatch):
     calls = []
-    write = stage.write_shard
+    write = stage.write_samples
 
     def dying(path, episodes):
         calls.append(path.name)
@@ -102,7 +102,7 @@ def test_it_goes_on_where_it_was_and_makes_nothing_twice(made, tmp_path, monkeyp
             raise KeyboardInterrupt
         return write(path, episodes)
 
-    monkeypatch.setattr(stage, "write_shard", dying)
+    monkeypatch.setattr(stage, "write_samples", dying)
     with pytest.raises(KeyboardInterrupt):
         run(tmp_path)
     assert not (tmp_path / "manifest.json").exists(), "the manifest comes last"

@@ -3,21 +3,22 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from training_material import SIZE, FakeStore, make_demonstration
+from training_material import FakeStore, make_demonstration
 
 from geoprior.errors import DataError
 from geoprior.policies.normalise import Normaliser, normalise_images
 from geoprior.shards.reader import EpisodeStore
+from geoprior.sources.shards import ShardSource
 from geoprior.training.config import TrainConfig
-from geoprior.training.data import Batches, Demonstrations, chunk_of
+from geoprior.training.data import Batches, chunk_steps, features_of, statistics_of
 from geoprior.training.frames import add_noise, shift_frames
 
 
 def make_batches(store, seed=0, chunk=4, **options):
-    demonstrations = Demonstrations.load(store)
+    source = ShardSource(store)
     config = TrainConfig(**{"batch_size": 7, "image_noise": 0.0, "prefetch": 0, **options})
-    normaliser = Normaliser(demonstrations.statistics())
-    return Batches(demonstrations, demonstrations.features(chunk), normaliser, config, seed), normaliser
+    normaliser = Normaliser(statistics_of(source))
+    return Batches(source, features_of(source, chunk), normaliser, config, seed), normaliser
 
 
 def same(first, second):
@@ -26,14 +27,15 @@ def same(first, second):
 
 @given(length=st.integers(1, 20), chunk=st.integers(1, 12), skip=st.integers(1, 5), data=st.data())
 def test_a_chunk_takes_every_skipth_action_and_marks_what_is_past_the_end(length, chunk, skip, data):
-    time = data.draw(st.integers(0, length - 1))
-    actions = np.arange(length, dtype=np.float32)[:, None]
-    found, valid = chunk_of(actions, time, chunk, skip)
-    for i in range(chunk):
-        wanted = time + i * skip
-        assert valid[i] == (wanted < length)
-        assert found[i, 0] == min(wanted, length - 1)
-    assert valid[0]
+    times = data.draw(st.lists(st.integers(0, length - 1), min_size=1, max_size=4))
+    found, valid = chunk_steps(np.array(times), np.array([length] * len(times)), chunk, skip)
+    assert found.shape == valid.shape == (len(times), chunk)
+    for row, time in enumerate(times):
+        for i in range(chunk):
+            wanted = time + i * skip
+            assert valid[row, i] == (wanted < length)
+            assert found[row, i] == min(wanted, length - 1)
+    assert valid[:, 0].all()
 
 
 def test_a_batch_holds_what_the_episodes_hold(fake_store):
@@ -96,25 +98,6 @@ def test_binary_and_colour_cameras_share_a_batch():
     assert same(*batches)
 
 
-@pytest.mark.parametrize("frame_cache_mb", [0, 1])
-def test_kept_frames_are_those_on_disk(fake_store, frame_cache_mb):
-    calls = []
-    frames = fake_store.frames
-    fake_store.frames = lambda *arguments: calls.append(1) or frames(*arguments)
-    batches, _ = make_batches(fake_store, frame_cache_mb=frame_cache_mb)
-    first, cold = batches.batch(3), len(calls)
-    assert same(batches.batch(3), first)
-    assert len(calls) == (cold if frame_cache_mb else 2 * cold)
-
-
-def test_a_full_cache_reads_again(fake_store):
-    free, _ = make_batches(fake_store, frame_cache_mb=1)
-    full, _ = make_batches(fake_store, frame_cache_mb=1)
-    full._frames._room = 3 * SIZE * SIZE
-    assert all(same(free.batch(step), full.batch(step)) for step in (0, 1, 0))
-    assert len(full._frames._kept) == 3
-
-
 def test_noise_is_normal_with_the_standard_deviation_asked_for():
     frames = np.full((50, 2, 32, 32, 3), 128, np.uint8)
     noise = (add_noise(frames, 0.08, np.random.default_rng(0)).numpy().ravel() - 128) / 255
@@ -152,7 +135,7 @@ def test_shifts_move_each_frame_by_itself_and_repeat_the_edge():
 
 
 def test_statistics_are_those_of_the_raw_rows(fake_store):
-    statistics = Demonstrations.load(fake_store).statistics()
+    statistics = statistics_of(ShardSource(fake_store))
     rows = np.concatenate([episode.action for episode in fake_store.episodes]).astype(np.float64)
     np.testing.assert_allclose(statistics["action"].mean, rows.mean(0), atol=1e-12)
     assert statistics["pose"].count == len(rows)

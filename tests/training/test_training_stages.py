@@ -9,13 +9,16 @@ from training_material import SIZE, TINY_ACT, make_demonstration, write_demonstr
 
 from geoprior import hookimpl
 from geoprior.errors import ConfigError, DataError
+from geoprior.geometry.camera import CamerasConfig
 from geoprior.hooks.manager import plugins
 from geoprior.options import Choice
 from geoprior.policies.checkpoint import list_checkpoints, load_checkpoint, load_predictor
 from geoprior.policies.normalise import merge
+from geoprior.shards.config import GenerateConfig
 from geoprior.shards.reader import EpisodeStore
+from geoprior.sources.shards import ShardSource
 from geoprior.training.config import ConditionConfig, FinetuneConfig, PretrainConfig
-from geoprior.training.data import Demonstrations
+from geoprior.training.data import statistics_of
 from geoprior.training.loop import fit
 from geoprior.training.stages import finetune, pretrain
 
@@ -32,8 +35,12 @@ def synthetic(tmp_path_factory):
 def prior(synthetic, tmp_path_factory):
     out = tmp_path_factory.mktemp("prior")
     config = PretrainConfig(epochs=4, checkpoint_every=2, **COMMON)
-    pretrain(config, policy=TINY_ACT, seed=3, data=synthetic, out=out)
+    pretrain_on(synthetic, config, policy=TINY_ACT, seed=3, out=out)
     return out
+
+
+def pretrain_on(shards, config, **options):
+    return pretrain(config, data=shards, generate=GenerateConfig(), cameras=CamerasConfig(), **options)
 
 
 def tune(demos, prior, out, conditions, *, policy=TINY_ACT, seed=3, **options):
@@ -45,8 +52,8 @@ def header_and_tensors(folder):
     return load_checkpoint(list_checkpoints(folder)[-1].path)
 
 
-def statistics_of(folder):
-    return Demonstrations.load(EpisodeStore(folder)).statistics()
+def statistics_in(folder):
+    return statistics_of(ShardSource(EpisodeStore(folder)))
 
 
 def test_pretraining_leaves_what_the_contract_says(prior, synthetic):
@@ -55,7 +62,7 @@ def test_pretraining_leaves_what_the_contract_says(prior, synthetic):
     assert header.policy == plugins().resolve("policy", TINY_ACT)
     assert (header.features.cameras, header.features.image_size) == (("hand", "third"), (SIZE, SIZE))
     assert (header.features.chunk, header.features.pose_size, header.fps) == (4, 8, 10.0)
-    assert header.statistics == statistics_of(synthetic)
+    assert header.statistics == statistics_in(synthetic)
     assert header.details["data"] == {"digest": EpisodeStore(synthetic).digest, "episodes": 6}
     assert header.details["transfer"] == {"init": "scratch"}
     assert (header.details["precision"], header.details["threads"]) == ("fp32", 1)
@@ -83,7 +90,7 @@ def test_it_learns_its_data(synthetic, tmp_path):
     options = dict(TINY_ACT.options, dropout=0.0, kl_weight=1.0, trunk_norm="group")
     config = PretrainConfig(epochs=200, learning_rate=5e-3, image_noise=0.0, **{**COMMON, "log_every": 100})
     policy = Choice(name="act", options=options)
-    result = pretrain(config, policy=policy, seed=0, data=synthetic, out=tmp_path)
+    result = pretrain_on(synthetic, config, policy=policy, seed=0, out=tmp_path)
     assert result["metrics"]["l1"] < 0.25
     predictor = load_predictor(list_checkpoints(tmp_path)[-1].path)
     errors, moves = [], []
@@ -162,7 +169,7 @@ def test_what_becomes_of_weights_and_statistics_is_written_down(demos, prior, sy
     kinds = ("pretrained", "new", "merged")
     conditions = {kind: ConditionConfig(init="prior", statistics=kind) for kind in kinds}
     tune(demos, prior, tmp_path, conditions, epochs=1)
-    old, new = statistics_of(synthetic), statistics_of(demos)
+    old, new = statistics_in(synthetic), statistics_in(demos)
     expected = {"pretrained": old, "new": new, "merged": merge(old, new)}
     for kind in kinds:
         header, tensors = header_and_tensors(tmp_path / f"{kind}-s0")

@@ -9,8 +9,9 @@ from geoprior.policies.normalise import Normaliser
 from geoprior.shards.episode import CameraHeader, Episode, EpisodeHeader
 from geoprior.shards.manifest import write_manifest
 from geoprior.shards.writer import write_shard
+from geoprior.sources.shards import ShardSource
 from geoprior.training.config import TrainConfig
-from geoprior.training.data import Batches, Demonstrations
+from geoprior.training.data import Batches, features_of, statistics_of
 from geoprior.training.loop import Training
 from geoprior.training.machine import Machine
 
@@ -135,9 +136,9 @@ def make_training(store, folder, seed=0, **options):
     """A training of the linear policy."""
     options = {"epochs": 8, "batch_size": 3, "threads": 1, "precision": "fp32", "log_every": 1, **options}
     config = TrainConfig(**options)
-    demonstrations = Demonstrations.load(store)
-    features = demonstrations.features(chunk=4)
-    statistics = demonstrations.statistics()
+    source = ShardSource(store)
+    features = features_of(source, chunk=4)
+    statistics = statistics_of(source)
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         policy = LinearPolicy(features)
@@ -146,7 +147,7 @@ def make_training(store, folder, seed=0, **options):
         folder=folder,
         config=config,
         policy=policy,
-        batches=Batches(demonstrations, features, Normaliser(statistics), config, seed),
+        batches=Batches(source, features, Normaliser(statistics), config, seed),
         episodes=len(store),
         seed=seed,
         machine=Machine("cpu", config.precision, 1),

@@ -1,0 +1,73 @@
+"""Make one data set and say what it took. A process of its own, so that nothing else is in its memory.
+
+python -m geoprior.bench.making EPISODES HEIGHT WIDTH SECONDS EXECUTOR
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from geoprior.bench.memory import PeakMemory
+from geoprior.geometry.camera import CamerasConfig
+from geoprior.hooks.manager import plugins
+from geoprior.options import Choice
+from geoprior.shards.config import GenerateConfig
+from geoprior.shards.generate import generate
+
+SEED = 20_000
+
+
+@dataclass(frozen=True)
+class Made:
+    """One data set as made.
+
+    Attributes:
+        seconds: Wall time from the call to the manifest.
+        bytes: Of its shards.
+        peak: Largest memory of the process and its workers, bytes.
+    """
+
+    seconds: float
+    bytes: int
+    peak: int
+
+
+def paper_config(episodes: int, seconds: float = 10.0) -> GenerateConfig:
+    """The paper's data set with so many episodes in all, a third of each motion."""
+    return GenerateConfig(fps=30.0, seconds=seconds, episodes=max(1, episodes // 3), episodes_per_shard=30)
+
+
+def make_apart(
+    episodes: int, height: int, width: int, *, seconds: float = 10.0, executor: str = "local"
+) -> Made:
+    """Make a data set in a fresh process; its imports are not counted, the start of its workers is."""
+    command = [sys.executable, "-m", __name__, *map(str, (episodes, height, width, seconds, executor))]
+    done = subprocess.run(command, check=True, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    return Made(**json.loads(done.stdout))
+
+
+def make(episodes: int, height: int, width: int, seconds: float, executor: str) -> Made:
+    """Make a data set in a folder that is thrown away."""
+    with tempfile.TemporaryDirectory() as folder, PeakMemory() as memory:
+        began = time.perf_counter()
+        manifest = generate(
+            paper_config(episodes, seconds),
+            CamerasConfig(height=height, width=width),
+            seed=SEED,
+            executor=plugins().build("executor", Choice(name=executor)),
+            out=Path(folder),
+        )
+        took = time.perf_counter() - began
+    return Made(took, manifest.bytes, memory.peak)
+
+
+if __name__ == "__main__":
+    numbers = sys.argv[1:]
+    made = make(int(numbers[0]), int(numbers[1]), int(numbers[2]), float(numbers[3]), numbers[4])
+    sys.stdout.write(json.dumps(asdict(made)))

@@ -1,0 +1,1 @@
+"""Built-in ablations of what the cameras see, one plug-in module each."""
