@@ -169,7 +169,7 @@ def doctor(as_json: bool) -> None:  # noqa: FBT001
 
 @cli.group("plugins")
 def plugins_group() -> None:
-    """See what is installed: primitives, motions, renderers, robots, tasks, policies, executors."""
+    """See what is installed: primitives, motions, variants, renderers, robots, tasks, policies, executors."""
 
 
 @plugins_group.command("list")
@@ -221,18 +221,52 @@ def config_schema() -> None:
     show_default="the current folder",
     help="Where the pictures go.",
 )
-def view(episode: str, out: Path) -> None:
-    """Draw an episode: a contact sheet (PNG) and a film (WebM).
+@click.option(
+    "--film",
+    type=click.Choice(["webm", "mp4", "gif", "none"]),
+    default="webm",
+    show_default=True,
+    help="Kind of the films.",
+)
+@click.option(
+    "--set",
+    "overrides",
+    metavar="KEY=VALUE",
+    multiple=True,
+    help="Override one key of the config, if EPISODE is one's.",
+)
+@click.option("--3d", "space", is_flag=True, help="Draw it in 3-D too; so does each option below.")
+@click.option("--azimuth", type=float, help="Look from this side, in degrees about z; 0 is +x.  [35]")
+@click.option("--elevation", type=float, help="Look from so many degrees above the floor, -90 to 90.  [30]")
+@click.option("--orbit", type=float, help="Go round by so many degrees in the course of the film.  [0]")
+@click.option("--wide", is_flag=True, help="Have the whole floor and the third camera in the picture.")
+def view(episode: str, out: Path, overrides: tuple[str, ...], **asked: Any) -> None:
+    """Draw an episode: a contact sheet (PNG), a film, and both in 3-D from any angle.
 
     \b
-    EPISODE is a folder of shards or one tar, and after a colon the episode's key:
+    EPISODE is a folder of shards or one tar, and after a colon the episode's key; or a config, for
+    an episode that is on no disk. Without a key it is the first one.
       geoprior view runs/quickstart/shards/synthetic:pick-000003
-      geoprior view runs/quickstart/shards/demos
-    Without a key it is the first one.
-    """  # noqa: D301
-    from geoprior.view.command import view_episode
+      geoprior view runs/quickstart/shards/demos --3d
+      geoprior view quickstart:push-000004 --3d --orbit 360
+      geoprior view my.yaml:place-000000 --azimuth -90 --elevation 10 --film gif
 
-    for path in view_episode(episode, out):
+    \b
+    See what a key of the config does before a data set is made of it:
+      geoprior view quickstart:push-000004 --film none --set generate.scene.floor.spacing=[0.03,0.03]
+
+    In 3-D a hand is drawn as its frame [right, up, forward] and its way, thick while the gripper is
+    closed; a camera as its frustum. Points are drawn where the config that made them is at hand, boxes
+    where the header alone tells of them.
+    """  # noqa: D301
+    from geoprior.subjects import find_subject
+    from geoprior.view.command import Look, draw
+
+    look = Look.of(**asked)
+    subject = find_subject(episode, overrides, points=look.angle is not None)
+    if subject.remark:
+        _say(subject.remark)
+    for path in draw(subject, out, look):
         click.echo(str(path))
 
 
@@ -269,6 +303,48 @@ def shards_info(path: Path, as_json: bool) -> None:  # noqa: FBT001
     else:
         for key, value in content.items():
             click.echo(f"{key}: {value}")
+
+
+@shards_group.command("preview")
+@click.argument("path", type=click.Path(path_type=Path))
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="The picture (PNG).  [PATH's name in the current folder]",
+)
+@click.option("--rows", type=click.IntRange(1, 200), default=9, show_default=True, help="Episodes shown.")
+@click.option(
+    "--columns", type=click.IntRange(1, 50), default=5, show_default=True, help="Steps shown of each camera."
+)
+def shards_preview(path: Path, out: Path | None, rows: int, columns: int) -> None:
+    """Draw a sheet of a folder of shards, or of one tar: some episodes, the motions in turn.
+
+    \b
+      geoprior shards preview runs/quickstart/shards/synthetic
+      geoprior shards preview runs/quickstart/shards/demos --rows 20 --columns 8 --out demos.png
+    """  # noqa: D301
+    from geoprior.view.command import preview
+
+    click.echo(str(preview(path, out, rows, columns)))
+
+
+@cli.command()
+@click.argument("name", metavar="NAME")
+@click.option("--quick", is_flag=True, help="Less data, no goals: does it work, and about how fast?")
+@click.option("--json", "as_json", is_flag=True, help="Print one object: machine, versions, results.")
+def bench(name: str, quick: bool, as_json: bool) -> None:  # noqa: FBT001
+    """Measure this machine: geoprior bench generate.
+
+    \b
+    NAME is one of
+      generate  the paper's geometric data set, against the bare kernels and MuJoCo's renderer
+      stream    how long a trainer waits for the endless source
+    Leave the machine alone meanwhile: whatever else runs is measured too.
+    """  # noqa: D301
+    from geoprior.bench.catalogue import as_lines, run
+
+    content = run(name, quick=quick, say=_say)
+    click.echo(json.dumps(content, indent=2) if as_json else "\n".join(as_lines(content)))
 
 
 def main() -> None:

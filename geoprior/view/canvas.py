@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
@@ -55,6 +55,38 @@ def caption(lines: Sequence[str], width: int, colour: tuple[int, int, int] = INK
     return np.asarray(image, np.uint8)
 
 
+def legend(entries: Mapping[str, tuple[int, int, int]], width: int) -> NDArray[np.uint8]:
+    """A bar of words, each after a dot of its colour, in as many lines as they need; (H, width, 3) uint8."""
+    places: list[tuple[int, int]] = []
+    left, line = 2, 0
+    for word in entries:
+        needed = _LINE_HEIGHT + int(_font().getlength(word))
+        if left > 2 and left + needed > width:
+            left, line = 2, line + 1
+        places.append((left, line * _LINE_HEIGHT))
+        left += needed + _LINE_HEIGHT // 2
+    bar = blank((line + 1) * _LINE_HEIGHT, width)
+    for (left, top), colour in zip(places, entries.values(), strict=True):
+        middle = (16 * (left + 6), 16 * (top + _LINE_HEIGHT // 2))
+        cv2.circle(bar, middle, 16 * 4, colour, cv2.FILLED, cv2.LINE_AA, 4)
+    image = Image.fromarray(bar)
+    draw = ImageDraw.Draw(image)
+    for (left, top), word in zip(places, entries, strict=True):
+        draw.text((left + _LINE_HEIGHT - 4, top + 2), word, fill=FAINT, font=_font())
+    return np.asarray(image, np.uint8)
+
+
+@lru_cache(maxsize=64)
+def text_mask(text: str) -> NDArray[np.float64]:
+    """(H, W) share of each pixel that a line of text covers, 0 to 1, to be laid over a picture."""
+    width = max(1, round(_font().getlength(text)) + 2)
+    image = Image.new("L", (width, _LINE_HEIGHT))
+    ImageDraw.Draw(image).text((1, 2), text, fill=255, font=_font())
+    mask = np.asarray(image, np.float64) / 255.0
+    mask.setflags(write=False)
+    return mask
+
+
 def beside(parts: Sequence[NDArray[np.uint8]], gap: int = GAP) -> NDArray[np.uint8]:
     """RGB parts from left to right, aligned at the top."""
     height = max(part.shape[0] for part in parts)
@@ -69,7 +101,14 @@ def beside(parts: Sequence[NDArray[np.uint8]], gap: int = GAP) -> NDArray[np.uin
 
 def below(parts: Sequence[NDArray[np.uint8]], gap: int = GAP) -> NDArray[np.uint8]:
     """RGB parts from top to bottom, aligned at the left."""
-    return beside([part.swapaxes(0, 1) for part in parts], gap).swapaxes(0, 1)
+    width = max(part.shape[1] for part in parts)
+    height = sum(part.shape[0] for part in parts) + gap * (len(parts) - 1)
+    canvas = blank(height, width)
+    top = 0
+    for part in parts:
+        canvas[top : top + part.shape[0], : part.shape[1]] = part
+        top += part.shape[0] + gap
+    return canvas
 
 
 def framed(part: NDArray[np.uint8], margin: int = 2 * GAP) -> NDArray[np.uint8]:

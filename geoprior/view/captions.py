@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 from geoprior.shards.episode import POSE_SIZE
@@ -17,12 +18,12 @@ def episode_caption(header: EpisodeHeader) -> str:
     """One line: key, motion, what it is made with, length."""
     primitive = header.details.get("primitive")
     shape = primitive.get("name") if isinstance(primitive, dict) else None
-    words = [header.key, f"{header.motion} a {shape}" if shape else header.motion, header.source]
-    return "  ·  ".join([*words, f"{header.steps} steps at {header.fps:g} Hz"])
+    what = f"{header.motion} a {shape}" if shape else header.motion
+    return line_of([header.key, what, header.source, f"{header.steps} steps at {header.fps:g} Hz"])
 
 
-def step_caption(header: EpisodeHeader, pose: NDArray[np.float32], step: int) -> tuple[str, str]:
-    """Two lines: step and time; phase, if the episode tells it, and the grippers' states.
+def step_caption(header: EpisodeHeader, pose: NDArray[np.float32], step: int) -> tuple[str, str, str]:
+    """Three short lines: step and time; phase, empty if the episode does not tell it; the grippers' states.
 
     Args:
         header: Of the episode.
@@ -31,8 +32,12 @@ def step_caption(header: EpisodeHeader, pose: NDArray[np.float32], step: int) ->
     """
     grippers = pose[step].reshape(-1, POSE_SIZE)[:, 7]
     states = " ".join("closed" if value else "open" for value in grippers)
-    phase = phase_of(header, step)
-    return f"{step}  ·  {step / header.fps:.1f} s", f"{phase}  ·  {states}" if phase else states
+    return f"{step}  ·  {step / header.fps:.1f} s", phase_of(header, step), states
+
+
+def line_of(words: Iterable[str]) -> str:
+    """Words that are not empty, on one line."""
+    return "  ·  ".join(word for word in words if word)
 
 
 def phase_of(header: EpisodeHeader, step: int) -> str:

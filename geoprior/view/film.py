@@ -17,7 +17,8 @@ from PIL import Image
 from geoprior.errors import ConfigError, MachineError
 from geoprior.files import atomic_path
 from geoprior.view.canvas import below, beside, blank, caption, enlarge, fit, framed, to_rgb
-from geoprior.view.captions import episode_caption, step_caption
+from geoprior.view.captions import episode_caption, line_of, step_caption
+from geoprior.view.reduction import reduced
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -77,8 +78,7 @@ def episode_film(episode: Episode, cell: int = 192) -> Iterator[NDArray[np.uint8
     header = episode.header
     for step in range(header.steps):
         views = beside([fit(to_rgb(episode.images[camera.name][step]), cell) for camera in header.cameras])
-        when, what = step_caption(header, episode.pose, step)
-        lines = [episode_caption(header), f"{when}  ·  {what}"]
+        lines = [episode_caption(header), line_of(step_caption(header, episode.pose, step))]
         yield framed(below([views, caption(lines, views.shape[1])]))
 
 
@@ -108,6 +108,11 @@ def _write_video(path: Path, frames: Frames, fps: float, codec: str) -> None:
         writer.release()
 
 
+def _write_gif(path: Path, frames: Frames, fps: float) -> None:
+    images = reduced(list(frames))
+    images[0].save(path, save_all=True, append_images=images[1:], duration=1000.0 / fps, loop=0)
+
+
 def _write_pillow(path: Path, frames: Frames, fps: float) -> None:
     # Pillow walks over the images more than once.
     images = [Image.fromarray(frame) for frame in frames]
@@ -117,7 +122,7 @@ def _write_pillow(path: Path, frames: Frames, fps: float) -> None:
 _WRITERS: dict[str, Callable[[Path, Frames, float], None]] = {
     ".webm": _write_webm,
     ".mp4": _write_mp4,
-    ".gif": _write_pillow,
+    ".gif": _write_gif,
     ".png": _write_pillow,
 }
 

@@ -37,7 +37,8 @@ def episode_sheet(episode: Episode, columns: int = 8, cell: int = 192) -> NDArra
     for step in evenly_spaced(header.steps, columns):
         frames = [fit(to_rgb(episode.images[camera.name][step]), cell) for camera in header.cameras]
         width = max(frame.shape[1] for frame in frames)
-        parts.append(below([*frames, caption(step_caption(header, episode.pose, step), width, FAINT)]))
+        words = [word for word in step_caption(header, episode.pose, step) if word]
+        parts.append(below([*frames, caption(words, width, FAINT)]))
     steps = beside(parts)
     names = "rows: " + ", ".join(camera.name for camera in header.cameras)
     return framed(below([caption([episode_caption(header), names], steps.shape[1]), steps]))

@@ -65,6 +65,18 @@ def test_odd_sizes_single_frames_and_scales(tmp_path, suffix):
         assert shown.shape == (1, 106, 154, 3)
 
 
+def test_what_rests_in_a_gif_does_not_flicker_and_common_colours_are_exact(tmp_path):
+    rng = np.random.default_rng(0)
+    film = frames(count=12, height=96, width=128)
+    film[:, 60:, :] = rng.integers(0, 256, size=(36, 128, 3))  # thousands of colours at rest
+    write_film(tmp_path / "film.gif", film, fps=10.0)
+    shown, _ = read_film(tmp_path / "film.gif")
+    for step in range(12):
+        np.testing.assert_array_equal(shown[step, 60:], shown[0, 60:])
+        np.testing.assert_array_equal(shown[step, :60], film[step, :60])
+    assert np.abs(shown[0, 60:].astype(int) - film[0, 60:]).mean() < 25
+
+
 def test_nothing_is_said_on_stderr_and_stderr_still_works(tmp_path, capfd):
     write_film(tmp_path / "film.webm", frames(), fps=10.0)
     import os

@@ -10,7 +10,7 @@ from geoprior.shards.manifest import write_manifest
 from geoprior.shards.reader import EpisodeStore
 from geoprior.shards.writer import write_shard
 from geoprior.view import canvas
-from geoprior.view.captions import episode_caption, phase_of, step_caption
+from geoprior.view.captions import episode_caption, line_of, phase_of, step_caption
 from geoprior.view.sheet import episode_sheet, evenly_spaced, representative, store_sheet, write_sheet
 
 
@@ -101,11 +101,12 @@ def test_a_data_sets_sheet_has_a_row_for_each_episode(store):
 
 def test_captions_tell_key_step_time_phase_and_gripper(episode):
     assert episode_caption(episode.header) == "pick-000000  ·  pick a box  ·  synthetic  ·  3 steps at 10 Hz"
-    assert step_caption(episode.header, episode.pose, 0) == ("0  ·  0.0 s", "open")
-    assert step_caption(episode.header, episode.pose, 2) == ("2  ·  0.2 s", "closed")
+    assert step_caption(episode.header, episode.pose, 0) == ("0  ·  0.0 s", "", "open")
+    assert step_caption(episode.header, episode.pose, 2) == ("2  ·  0.2 s", "", "closed")
     header = episode.header.model_copy(update={"details": {"phases": [["approach", 2], ["grasp", 1]]}})
     assert [phase_of(header, step) for step in range(3)] == ["approach", "approach", "grasp"]
-    assert step_caption(header, episode.pose, 2)[1] == "grasp  ·  closed"
+    assert step_caption(header, episode.pose, 2)[1:] == ("grasp", "closed")
+    assert line_of(["0.2 s", "", "closed"]) == "0.2 s  ·  closed"
 
 
 @pytest.mark.parametrize(
