@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
+from geoprior.geometry.projection import View
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
-
-    from geoprior.geometry.projection import View
 
 
 @dataclass(frozen=True)
@@ -43,14 +43,15 @@ class Shot:
 
     def at(self, steps: slice | NDArray[np.int64]) -> Shot:
         """The same shot at some of its time steps."""
-
-        def some(transforms: NDArray[np.float64]) -> NDArray[np.float64]:
-            return transforms[steps] if transforms.ndim == 3 else transforms
-
-        view = replace(self.view, transforms_world_to_camera=some(self.view.transforms_world_to_camera))
+        lens = self.view
+        view = View(_some(lens.transforms_world_to_camera, steps), lens.intrinsics, lens.height, lens.width)
         clouds = tuple(
-            replace(cloud, transforms_cloud_to_world=some(cloud.transforms_cloud_to_world))
+            Cloud(cloud.body, cloud.points, _some(cloud.transforms_cloud_to_world, steps))
             for cloud in self.clouds
         )
         count = len(range(self.steps)[steps]) if isinstance(steps, slice) else len(steps)
         return Shot(view, clouds, count)
+
+
+def _some(transforms: NDArray[np.float64], steps: slice | NDArray[np.int64]) -> NDArray[np.float64]:
+    return transforms[steps] if transforms.ndim == 3 else transforms

@@ -6,7 +6,7 @@ import signal
 
 import numpy as np
 import pytest
-from source_material import GENERATE, SLOTS, make_batches, read, same_batches
+from source_material import GENERATE, SLOTS, make_batches, read, same_batches, same_moments
 
 from geoprior.errors import ConfigError, MachineError
 from geoprior.options import Choice
@@ -60,6 +60,15 @@ def test_a_killed_worker_is_said_and_nothing_hangs(source_of):
         read(source, [0], [0])
     source.close()
     assert multiprocessing.active_children() == []
+
+
+def test_ctrl_c_is_left_to_the_trainer(source_of):
+    """A terminal sends it to the whole group: a worker that died of it would hide what was interrupted."""
+    source = source_of("endless", workers=1)
+    first = read(source, [0, 5], [3, 4])
+    (worker,) = multiprocessing.active_children()
+    os.kill(worker.pid, signal.SIGINT)
+    assert same_moments(read(source, [0, 5], [3, 4]), first)
 
 
 def test_closing_in_the_middle_of_reading_ahead_leaves_nothing(source_of):

@@ -63,6 +63,17 @@ def test_a_batch_depends_on_seed_and_step_only(fake_store):
     assert not same(other.batch(3), third)
 
 
+def test_numbers_count_on_from_epoch_to_epoch_within_a_batch_too(fake_store):
+    """Five batches of seven samples are seven epochs of five episodes."""
+    batches, _ = make_batches(fake_store)
+    asked, read = [], batches._source.read
+    batches._source.read = lambda numbers, steps: asked.extend(numbers.tolist()) or read(numbers, steps)
+    for step in range(5):
+        batches.batch(step)
+    epochs = [sorted(asked[first : first + 5]) for first in range(0, 35, 5)]
+    assert epochs == [list(range(first, first + 5)) for first in range(0, 35, 5)]
+
+
 @pytest.mark.parametrize("prefetch", [1, 3, 64])
 def test_reading_ahead_changes_nothing(fake_store, prefetch):
     alone, _ = make_batches(fake_store, image_noise=0.1)

@@ -25,6 +25,13 @@ def test_a_place_is_a_pure_function_of_seed_and_position(lengths, seed, first, c
     np.testing.assert_array_equal(together, alone[::-1])
 
 
+def test_the_order_is_the_one_that_results_were_published_with():
+    """Over the border of two epochs. Another order is another training."""
+    samples = SampleOrder(1, [100] * 6).samples(4, 8)
+    expected = [[0, 70], [3, 85], [4, 62], [5, 62], [3, 96], [1, 60], [2, 60], [0, 97]]
+    np.testing.assert_array_equal(samples, expected)
+
+
 def test_epochs_and_seeds_differ():
     order = SampleOrder(0, [50] * 20)
     first, second = order.samples(0, 20), order.samples(20, 20)

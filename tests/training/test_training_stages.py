@@ -104,6 +104,19 @@ def test_it_learns_its_data(synthetic, tmp_path):
     assert np.mean(errors) < 0.35 * np.mean(moves)
 
 
+@pytest.mark.parametrize(("frame_cache_mb", "again"), [(1, 0), (0, 1)])
+def test_frames_are_kept_as_far_as_the_config_allows(demos, tmp_path, monkeypatch, frame_cache_mb, again):
+    """Two conditions draw the same samples: the second reads nothing new."""
+    read, frames = [], EpisodeStore.frames
+    monkeypatch.setattr(
+        EpisodeStore, "frames", lambda *arguments: read.append(str(arguments[1:])) or frames(*arguments)
+    )
+    conditions = {name: ConditionConfig(init="scratch") for name in ("one", "two")}
+    tune(demos, None, tmp_path, conditions, epochs=2, frame_cache_mb=frame_cache_mb)
+    assert len(read) >= len(set(read)) * (1 + again)
+    assert (len(read) == len(set(read))) == (not again)
+
+
 def test_every_condition_and_seed_gets_its_folder(demos, prior, tmp_path):
     results = tune(demos, prior, tmp_path, BOTH, seeds=[0, 7], checkpoint_every=2)
     assert set(results) == {"scratch-s0", "scratch-s7", "prior-s0", "prior-s7"}
