@@ -86,10 +86,10 @@ def _speed(height: int, width: int, episodes: int, goal: float | None) -> Iterat
 
 
 def _constancy(counts: tuple[int, ...]) -> Iterator[Metric]:
-    start = make_apart(START_EPISODES, 128, 128, seconds=0.2).seconds
+    start = make_apart(START_EPISODES, 128, 128, seconds=0.2, watch_memory=True).seconds
     costs = {}
     for count in counts:
-        made = make_apart(count, 128, 128)
+        made = make_apart(count, 128, 128, watch_memory=True)
         costs[count] = (made.seconds - start) / count
         memory = f"128x128: peak memory of all processes, {count} episodes"
         yield at_most(memory, made.peak / 2**20, "MiB", MEMORY_GOAL_MIB)
@@ -116,6 +116,7 @@ def floor_of_shard(task: ShardTask) -> float:
     studio = Studio(task.config, task.cameras, task.seed)
     renderer = studio.renderer
     assert isinstance(renderer, PointsRenderer)
+    floor_of_shot(renderer, studio.stage(*task.episodes[0]).shots["third"])  # loads the machine code
     total = 0.0
     for motion, index in task.episodes:
         for shot in studio.stage(motion, index).shots.values():

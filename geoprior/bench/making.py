@@ -1,6 +1,6 @@
 """Make one data set and say what it took. A process of its own, so that nothing else is in its memory.
 
-python -m geoprior.bench.making EPISODES HEIGHT WIDTH SECONDS EXECUTOR
+python -m geoprior.bench.making EPISODES HEIGHT WIDTH SECONDS EXECUTOR WATCH_MEMORY
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -30,7 +31,7 @@ class Made:
     Attributes:
         seconds: Wall time from the call to the manifest.
         bytes: Of its shards.
-        peak: Largest memory of the process and its workers, bytes.
+        peak: Largest memory of the process and its workers, bytes; 0 if nobody looked.
     """
 
     seconds: float
@@ -44,17 +45,30 @@ def paper_config(episodes: int, seconds: float = 10.0) -> GenerateConfig:
 
 
 def make_apart(
-    episodes: int, height: int, width: int, *, seconds: float = 10.0, executor: str = "local"
+    episodes: int,
+    height: int,
+    width: int,
+    *,
+    seconds: float = 10.0,
+    executor: str = "local",
+    watch_memory: bool = False,
 ) -> Made:
-    """Make a data set in a fresh process; its imports are not counted, the start of its workers is."""
-    command = [sys.executable, "-m", __name__, *map(str, (episodes, height, width, seconds, executor))]
+    """Make a data set in a fresh process; its imports are not counted, the start of its workers is.
+
+    Looking at the memory costs some time, so speed and memory are measured apart.
+    """
+    arguments = (episodes, height, width, seconds, executor, int(watch_memory))
+    command = [sys.executable, "-m", __name__, *map(str, arguments)]
     done = subprocess.run(command, check=True, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     return Made(**json.loads(done.stdout))
 
 
-def make(episodes: int, height: int, width: int, seconds: float, executor: str) -> Made:
+def make(
+    episodes: int, height: int, width: int, seconds: float, executor: str, *, watch_memory: bool
+) -> Made:
     """Make a data set in a folder that is thrown away."""
-    with tempfile.TemporaryDirectory() as folder, PeakMemory() as memory:
+    memory = PeakMemory()
+    with tempfile.TemporaryDirectory() as folder, memory if watch_memory else nullcontext():
         began = time.perf_counter()
         manifest = generate(
             paper_config(episodes, seconds),
@@ -68,6 +82,6 @@ def make(episodes: int, height: int, width: int, seconds: float, executor: str) 
 
 
 if __name__ == "__main__":
-    numbers = sys.argv[1:]
-    made = make(int(numbers[0]), int(numbers[1]), int(numbers[2]), float(numbers[3]), numbers[4])
+    sizes, (length, name, watched) = [int(number) for number in sys.argv[1:4]], sys.argv[4:]
+    made = make(sizes[0], sizes[1], sizes[2], float(length), name, watch_memory=watched == "1")
     sys.stdout.write(json.dumps(asdict(made)))

@@ -12,7 +12,7 @@ from geoprior.shards.synthesis import Studio
 
 
 def test_a_data_set_made_apart_tells_time_size_and_memory():
-    made = make_apart(3, 32, 32, seconds=0.2, executor="serial")
+    made = make_apart(3, 32, 32, seconds=0.2, executor="serial", watch_memory=True)
     assert made.seconds > 0.0
     assert made.bytes > 3 * 6 * 2 * 1024
     assert made.peak > 20 << 20

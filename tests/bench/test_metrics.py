@@ -35,7 +35,7 @@ def test_memory_of_children_counts_and_the_peak_stays():
     size = 60 << 20
     before = memory_bytes(os.getpid())
     with PeakMemory(interval=0.01) as memory:
-        code = f"import sys; held = bytearray({size}); sys.stdout.write('x'); sys.stdout.flush(); sys.stdin.read()"
+        code = f"import sys; held = bytearray({size}); print('x', flush=True); sys.stdin.read()"
         with subprocess.Popen(
             [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE
         ) as child:
