@@ -62,14 +62,17 @@ def test_opposite_forwards_turn_about_the_right_axis(seed):
     np.testing.assert_allclose(frames[:, :, 0], np.broadcast_to(start[:, 0], (23, 3)), atol=1e-9)
 
 
-@pytest.mark.parametrize("off", [0.0, 1e-15, 1e-12, 1e-9, 1e-6])
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_almost_parallel_forwards_stay_finite_and_arrive(off, sign):
-    start = np.eye(3)
-    forward = np.array([off, 0.0, sign]) / np.hypot(off, 1.0)
+@given(seeds, st.floats(-17.0, -1.0).map(lambda power: 10.0**power), st.sampled_from([1.0, -1.0]))
+def test_almost_parallel_forwards_turn_at_a_constant_rate_and_arrive(seed, off, sign):
+    rng = np.random.default_rng(seed)
+    start = random_rotation(rng)
+    axis = np.cross(start[:, 2], random_direction(rng))
+    forward = Rotation.from_rotvec(off * axis / np.linalg.norm(axis)).apply(sign * start[:, 2])
     frames = swing_frames(start, forward, TIMES)
     assert_rotations(frames)
     np.testing.assert_allclose(frames[-1, :, 2], forward, atol=2e-9)
+    turns = Rotation.from_matrix(np.swapaxes(frames[:-1], 1, 2) @ frames[1:]).magnitude()
+    np.testing.assert_allclose(turns, (off if sign > 0.0 else np.pi - off) / 22, atol=2e-9)
 
 
 def test_no_turn_between_equal_directions():

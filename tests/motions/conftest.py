@@ -6,26 +6,23 @@ from functools import cache
 
 import pytest
 
-from geoprior.geometry.camera import CamerasConfig
-from geoprior.options import Choice
-from geoprior.shards.config import GenerateConfig
-from geoprior.shards.synthesis import stage_episode
+pytest.register_assert_rewrite("laws")
 
-SEEDS = 100
+from motion_material import PRIMITIVES, stage  # noqa: E402
+
+SEEDS = 15 * len(PRIMITIVES)
 
 
 @cache
-def _takes(motion, steps, count, options):
-    config = GenerateConfig(fps=steps, seconds=1.0)
-    choice = Choice(name=motion, options=dict(options))
-    return [stage_episode(config, CamerasConfig(), 11, choice, index) for index in range(count)]
+def _takes(motion, steps, count, size, options):
+    return [stage(motion, index, steps, size, **dict(options)) for index in range(count)]
 
 
 @pytest.fixture(scope="session")
 def takes():
     """``takes(motion, **options)``: planned episodes of 40 steps, each with scene and trajectory."""
 
-    def get(motion, steps=40, count=SEEDS, **options):
-        return _takes(motion, steps, count, tuple(sorted(options.items())))
+    def get(motion, steps=40, count=SEEDS, size=(96, 96), **options):
+        return _takes(motion, steps, count, size, tuple(sorted(options.items())))
 
     return get

@@ -136,7 +136,10 @@ def test_the_order_of_points_and_clouds_does_not_matter():
     rng = np.random.default_rng(0)
     points = rng.normal(size=(300, 3)) + np.array([0.0, 0.0, 2.0])
     whole = renderer().render([Cloud("body", points, np.eye(4))], lens(), 2)
-    parts = [Cloud("body", points[::-1][:100], np.eye(4)), Cloud("body", points[::-1][100:], np.eye(4)[None].repeat(2, 0))]
+    parts = [
+        Cloud("body", points[::-1][:100], np.eye(4)),
+        Cloud("body", points[::-1][100:], np.eye(4)[None].repeat(2, 0)),
+    ]
     np.testing.assert_array_equal(whole, renderer().render(parts, lens(), 2))
 
 

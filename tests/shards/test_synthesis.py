@@ -13,9 +13,10 @@ from hypothesis import strategies as st
 
 from geoprior.geometry.camera import CamerasConfig
 from geoprior.options import Choice
+from geoprior.shards import sample
 from geoprior.shards.config import GenerateConfig
-from geoprior.shards.synthesis import synthesise
-from geoprior.shards.writer import write_shard
+from geoprior.shards.synthesis import Studio, synthesise
+from geoprior.shards.writer import write_samples, write_shard
 
 MOTIONS = ("pick", "place", "push")
 EPISODES = [(motion, index) for motion in MOTIONS for index in (0, 1, 7, 199)]
@@ -38,6 +39,31 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="module")
 def expected(folder):
     return {episode: fingerprint(folder, *episode) for episode in EPISODES}
+
+
+def batched_fingerprint(folder, studio, motion, index):
+    """The same of an episode that a studio makes among others, drawing its frames while they are written."""
+    path = folder / f"{motion}-{index}-{os.getpid()}.tar"
+    write_samples(path, [studio.sample(Choice(name=motion), index)])
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+@settings(max_examples=12, deadline=None)
+@given(st.permutations(EPISODES))
+def test_the_same_from_a_studio_that_makes_many_in_any_order(folder, expected, order):
+    studio = Studio(CONFIG, CAMERAS, 3)
+    for episode in order:
+        assert batched_fingerprint(folder, studio, *episode) == expected[episode]
+
+
+@pytest.mark.parametrize("frames", [1, 4])
+def test_the_same_where_frames_are_drawn_in_several_blocks(folder, expected, monkeypatch, frames):
+    frame_bytes = 33 * 6
+    monkeypatch.setattr(sample, "_BLOCK_BYTES", frames * frame_bytes)
+    assert len(list(sample.block_slices(6, frame_bytes))) == -(-6 // frames)
+    studio = Studio(CONFIG, CAMERAS, 3)
+    for episode in EPISODES:
+        assert batched_fingerprint(folder, studio, *episode) == expected[episode]
 
 
 @settings(max_examples=12, deadline=None)
