@@ -36,8 +36,9 @@ def test_the_floor_draws_and_encodes_the_very_frames_of_the_data_set(monkeypatch
         for motion, index in task.episodes
         for blocks in studio.sample(motion, index).frames.values()
     ]
-    assert len(seen) == len(wanted) == 6
-    for one, other in zip(seen, wanted, strict=True):
+    measured = seen[1:]  # the first one only loads the machine code
+    assert len(measured) == len(wanted) == 6
+    for one, other in zip(measured, wanted, strict=True):
         np.testing.assert_array_equal(one, other)
 
 
