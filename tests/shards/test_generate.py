@@ -71,8 +71,9 @@ def test_an_episode_does_not_depend_on_how_many_others_there_are():
     np.testing.assert_array_equal(one.images["third"], other.images["third"])
 
 
-def test_two_workers_write_the_same_bytes(made, tmp_path):
-    run(tmp_path, executor=LocalExecutor(LocalConfig(workers=2)))
+@pytest.mark.parametrize("workers", [1, 2, 4])
+def test_any_number_of_workers_writes_the_same_bytes(made, tmp_path, workers):
+    run(tmp_path, executor=LocalExecutor(LocalConfig(workers=workers)))
     assert hashes(tmp_path) == hashes(made)
 
 
