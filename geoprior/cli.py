@@ -339,6 +339,7 @@ def bench(name: str, quick: bool, as_json: bool) -> None:  # noqa: FBT001
     NAME is one of
       generate  the paper's geometric data set, against the bare kernels and MuJoCo's renderer
       stream    how long a trainer waits for the endless source
+      rollout   control steps a second with both cameras drawn, against robosuite's own loop
     Leave the machine alone meanwhile: whatever else runs is measured too.
     """  # noqa: D301
     from geoprior.bench.catalogue import as_lines, run

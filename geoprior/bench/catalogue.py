@@ -34,6 +34,10 @@ BENCHMARKS = {
     "stream": Benchmark(
         "how long a trainer waits for the endless source (minutes)", "geoprior.bench.endless"
     ),
+    "rollout": Benchmark(
+        "control steps a second with both cameras drawn, against robosuite's own loop (minutes)",
+        "geoprior.bench.rollout",
+    ),
 }
 
 

@@ -21,7 +21,7 @@ from geoprior.geometry.se3 import (
 from geoprior.geometry.seeding import generator
 from geoprior.shards.episode import CameraHeader
 from geoprior.sim.config import SIMULATION_RATE
-from geoprior.sim.control import PoseControl
+from geoprior.sim.control import PoseControl, require_controller
 from geoprior.sim.meshes import lighten_meshes
 from geoprior.sim.views import Views
 from geoprior.sim.worlds.tabletop import HAND_CAMERA, TABLE_TOP, THIRD_CAMERA
@@ -73,13 +73,22 @@ class Environment:
         task: The task.
         cameras: Frame size and fields of view.
         control_rate: Commands a second.
+        controller: ``exact`` steps as robosuite does to the last bit, ``fast`` to rounding in a third of the
+            time; see `geoprior.sim.control`.
 
     Raises:
-        ConfigError: The control rate does not divide the physics rate.
+        ConfigError: The control rate does not divide the physics rate, or there is no such controller.
         MachineError: No GL, or robosuite cannot be used.
     """
 
-    def __init__(self, robot: Robot, task: Task, cameras: CamerasConfig, control_rate: int) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        task: Task,
+        cameras: CamerasConfig,
+        control_rate: int,
+        controller: str = "exact",
+    ) -> None:
         if SIMULATION_RATE % control_rate:
             raise ConfigError(
                 f"control_rate {control_rate}: it must divide the physics' {SIMULATION_RATE} steps a second",
@@ -88,6 +97,7 @@ class Environment:
         # What goes wrong inside a step is read from counters; a log file in the working folder helps nobody.
         mujoco.set_mju_user_warning(_ignore)
         self.robot, self.task, self.cameras, self.control_rate = robot, task, cameras, control_rate
+        self.controller = require_controller(controller)
         self.world = task.make(robot, cameras, control_rate)
         self._model, self._data = self.world.sim.model._model, self.world.sim.data._data
         lighten_meshes(self._model)
@@ -110,7 +120,7 @@ class Environment:
         """
         self.world.state_seed = self._state_seed = state_seed
         self.world.reset()
-        self._control = PoseControl(self.world)
+        self._control = PoseControl(self.world, self.controller)
         self._gripper, self._quaternion = 0.0, REFERENCE_QUATERNION
         self._locate()
         if self.world.succeeded():

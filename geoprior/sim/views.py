@@ -15,6 +15,8 @@ BACKEND = choose_gl()
 
 import mujoco  # noqa: E402 - reads MUJOCO_GL when imported
 
+from geoprior.sim.culling import Boxes  # noqa: E402 - imports mujoco
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -66,6 +68,7 @@ class Views:
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._renderer)
         _open.add(self)
         self._cameras = [_fixed_camera(model, name) for name in self._names]
+        self._boxes = Boxes(model, VISUAL_GROUP)
 
     def draw(self, data: mujoco.MjData) -> dict[str, NDArray[np.uint8]]:
         """Frames (H, W, 3) RGB of every camera, top row first.
@@ -74,11 +77,9 @@ class Views:
             data: With positions of geometries, cameras and lights up to date.
         """
         self._context.make_current()
-        mujoco.mjv_updateScene(
-            self._model, data, self._option, None, self._cameras[0], mujoco.mjtCatBit.mjCAT_ALL, self._scene
-        )
+        corners = self._boxes.corners(data)
         return {
-            name: self._draw_camera(data, camera)
+            name: self._draw_camera(data, camera, corners)
             for name, camera in zip(self._names, self._cameras, strict=True)
         }
 
@@ -90,7 +91,21 @@ class Views:
             self._renderer.free()
             self._context.free()
 
-    def _draw_camera(self, data: mujoco.MjData, camera: mujoco.MjvCamera) -> NDArray[np.uint8]:
+    def _draw_camera(
+        self, data: mujoco.MjData, camera: mujoco.MjvCamera, corners: NDArray[np.float64]
+    ) -> NDArray[np.uint8]:
+        aspect = self._rectangle.width / self._rectangle.height
+        with self._boxes.hidden(self._boxes.outside(data, corners, camera.fixedcamid, aspect)):
+            # The head light sits on the first camera in every camera's picture.
+            mujoco.mjv_updateScene(
+                self._model,
+                data,
+                self._option,
+                None,
+                self._cameras[0],
+                mujoco.mjtCatBit.mjCAT_ALL,
+                self._scene,
+            )
         mujoco.mjv_updateCamera(self._model, data, camera, self._scene)
         mujoco.mjr_render(self._rectangle, self._scene, self._renderer)
         frame = np.empty((self._rectangle.height, self._rectangle.width, 3), dtype=np.uint8)

@@ -13,8 +13,10 @@ if TYPE_CHECKING:
     from geoprior.sim.environment import Environment
 
 
-def environment(robot: Choice, task: Choice, cameras: CamerasConfig, control_rate: int) -> Environment:
-    """The environment of this process for a choice of robot, task, cameras and rate; built at the first call.
+def environment(
+    robot: Choice, task: Choice, cameras: CamerasConfig, control_rate: int, controller: str = "exact"
+) -> Environment:
+    """The environment of this process for these choices; built at the first call.
 
     Raises:
         ConfigError: A name or an option is unknown, or the rate does not divide the physics rate.
@@ -26,11 +28,12 @@ def environment(robot: Choice, task: Choice, cameras: CamerasConfig, control_rat
         found.resolve("task", task).model_dump_json(),
         cameras.model_dump_json(),
         control_rate,
+        controller,
     )
 
 
 @lru_cache(maxsize=2)
-def _environment(robot: str, task: str, cameras: str, control_rate: int) -> Environment:
+def _environment(robot: str, task: str, cameras: str, control_rate: int, controller: str) -> Environment:
     from geoprior.sim.environment import Environment
 
     return Environment(
@@ -38,4 +41,5 @@ def _environment(robot: str, task: str, cameras: str, control_rate: int) -> Envi
         plugins().build("task", Choice.model_validate_json(task)),
         CamerasConfig.model_validate_json(cameras),
         control_rate,
+        controller,
     )

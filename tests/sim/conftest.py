@@ -30,3 +30,19 @@ def env(ur5e, pick, cameras):
     from geoprior.sim.workers import environment
 
     return environment(ur5e, pick, cameras, 10)
+
+
+@pytest.fixture(scope="session")
+def place_env(ur5e, cameras):
+    """The UR5e with a cube and an enclosure."""
+    from geoprior.sim.workers import environment
+
+    return environment(ur5e, Choice(name="place"), cameras, 10)
+
+
+@pytest.fixture(scope="session")
+def push_env(ur5e, cameras):
+    """The UR5e with a cube and a coloured area."""
+    from geoprior.sim.workers import environment
+
+    return environment(ur5e, Choice(name="push"), cameras, 10)

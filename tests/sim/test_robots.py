@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+import re
+
+import mujoco
 import numpy as np
 import pytest
 
@@ -63,6 +66,38 @@ def test_hand_frame_fits_the_fingers(arms, name):
     assert np.abs(left[1:] - right[1:]).max() < 0.004
     palm = np.array([data.body_xpos[model.body_name2id("robot0_right_hand")]]) - offset
     assert apply(to_hand, palm)[0] @ [0.0, 0.0, 1.0] < -0.1
+
+
+def _vertices(model, data, geom: int) -> np.ndarray:
+    """Vertices (P, 3) of a box or a mesh in the world."""
+    if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
+        first = model.mesh_vertadr[model.geom_dataid[geom]]
+        points = model.mesh_vert[first : first + model.mesh_vertnum[model.geom_dataid[geom]]]
+    else:
+        assert model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_BOX
+        points = model.geom_size[geom] * [[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
+    return points @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_closed_fingers_are_as_wide_and_long_as_said(arms, name):
+    """Judged by the tips' and pads' geometry once the fingers have closed."""
+    env = arms[name]
+    env.reset(5)
+    command = env.pose()
+    command[7] = 1.0
+    _settle(env, command, 14)
+    model, data = env.world.sim.model._model, env.world.sim.data._data
+    tips = [
+        geom
+        for geom in range(model.ngeom)
+        if re.search("finger_?(tip|pad)_(coll|[0-9])", model.geom(geom).name)
+    ]
+    assert len(tips) == 4
+    points = np.concatenate([_vertices(model, data, geom) for geom in tips]) - [0.0, 0.0, 0.8]
+    points = apply(invert(env.world.transform_hand_to_workspace()), points)
+    measured = [*np.ptp(points[:, :2], axis=0), points[:, 2].max()]
+    np.testing.assert_allclose(env.robot.closed_fingers, measured, atol=0.002)
 
 
 def test_rest_orientation_is_the_documented_one(arms):

@@ -35,6 +35,8 @@ class Robot:
         camera_position: (right, up, forward) in metres: where the hand camera sits in the hand frame.
         camera_pitch: Radians by which the hand camera is turned towards the finger tips, from looking
             along the hand's forward axis.
+        closed_fingers: (right, up, forward) in metres: how wide the tips of the closed fingers are along
+            right and along up, and how far they reach past the hand frame's origin along forward.
     """
 
     name: str
@@ -44,3 +46,4 @@ class Robot:
     rotation_hand_to_site: Matrix3 = IDENTITY
     camera_position: tuple[float, float, float] = (0.0, 0.06, -0.10)
     camera_pitch: float = 0.0
+    closed_fingers: tuple[float, float, float] = (0.039, 0.022, 0.008)

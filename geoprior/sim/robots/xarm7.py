@@ -15,6 +15,7 @@ XARM7 = Robot(
     # Its grip site is turned by a quarter: fingers along y, where the Robotiq's are along x.
     # Its gripper's body is thicker.
     camera_position=(0.0, 0.075, -0.11),
+    closed_fingers=(0.014, 0.030, 0.026),
     rotation_hand_to_site=((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
 )
 

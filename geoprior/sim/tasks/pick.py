@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from pydantic import Field
 
 from geoprior import TaskSpec, hookimpl
-from geoprior.options import Options
+from geoprior.sim.tasks._timed import TimedOptions, TimedTask
 
 if TYPE_CHECKING:
     import numpy as np
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from geoprior.sim.worlds.tabletop import Tabletop
 
 
-class PickConfig(Options):
+class PickConfig(TimedOptions):
     """Options of the task `pick`."""
 
     range_x: float = Field(0.10, ge=0.0, le=0.15, description="The cube lies within +- this along x, metres.")
@@ -28,28 +28,14 @@ class PickConfig(Options):
     lift: float = Field(
         0.05, ge=0.02, le=0.15, description="Height of the cube's underside that counts, metres."
     )
-    seconds: float = Field(10.0, gt=0.0, le=120.0, description="Time limit of a trial.")
-    sustain: float = Field(
-        0.2, ge=0.0, le=5.0, description="Seconds for which the cube must stay up before it counts."
-    )
 
 
 @dataclass(frozen=True)
-class PickTask:
+class PickTask(TimedTask):
     """See `geoprior.sim.tasks.task.Task`."""
 
     config: PickConfig
     name: str = "pick"
-
-    @property
-    def seconds(self) -> float:
-        """Time limit of a trial."""
-        return self.config.seconds
-
-    @property
-    def sustain(self) -> float:
-        """Seconds for which the cube must stay up."""
-        return self.config.sustain
 
     def make(self, robot: Robot, cameras: CamerasConfig, control_rate: int) -> Tabletop:
         """Build the world with its cube."""

@@ -53,6 +53,10 @@ TABLE_COLOUR = (0.66, 0.65, 0.62, 1.0)
 FLOOR_COLOUR = (0.34, 0.37, 0.41, 1.0)
 COLLISION_GROUP = 0
 
+REST_SPEED = 0.02
+REST_TURNING = 0.3
+"""Metres and radians a second: what moves more slowly is at rest."""
+
 
 class Tabletop(ManipulationEnv):  # type: ignore[misc]  # robosuite has no types
     """An arm at a table; a task's world adds objects and says how they are placed and judged.
@@ -121,6 +125,24 @@ class Tabletop(ManipulationEnv):  # type: ignore[misc]  # robosuite has no types
     def transform_camera_to_workspace(self) -> FloatArray:
         """(4, 4) of the third camera in the workspace frame."""
         return look_at(THIRD_CAMERA_POSITION, THIRD_CAMERA_TARGET, np.array([0.0, 0.0, 1.0]))
+
+    # Objects ----------------------------------------------------------------------------------------
+
+    def transform_object_to_workspace(self, thing: Any) -> FloatArray:
+        """(4, 4) of one of the robosuite objects on the table."""
+        data = self.sim.data
+        rotation = np.array(data.get_body_xmat(thing.root_body)).reshape(3, 3)
+        return make_transform(rotation, np.array(data.get_body_xpos(thing.root_body)) - TABLE_TOP)
+
+    def object_at_rest(self, thing: Any) -> bool:
+        """Whether an object with a free joint moves and turns no faster than `REST_SPEED`, `REST_TURNING`."""
+        velocity = np.array(self.sim.data.get_joint_qvel(thing.joints[0]))
+        speed, turning = np.linalg.norm(velocity[:3]), np.linalg.norm(velocity[3:])
+        return bool(speed < REST_SPEED and turning < REST_TURNING)
+
+    def object_in_hand(self, thing: Any) -> bool:
+        """Whether any part of the gripper touches an object."""
+        return bool(self.check_contact(thing, self.robots[0].gripper["right"]))
 
     # robosuite's hooks ------------------------------------------------------------------------------
 

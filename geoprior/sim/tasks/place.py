@@ -1,0 +1,62 @@
+"""Place: put a cube into a low-walled enclosure; both are anywhere on the middle of the table, in any yaw."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from pydantic import Field
+
+from geoprior import TaskSpec, hookimpl
+from geoprior.sim.tasks._timed import GoalOptions, TimedTask
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from geoprior.geometry.camera import CamerasConfig
+    from geoprior.sim.robots.robot import Robot
+    from geoprior.sim.worlds.tabletop import Tabletop
+
+
+class PlaceConfig(GoalOptions):
+    """Options of the task `place`."""
+
+    # Room for an open finger between cube and wall, whatever the yaws.
+    gap: float = Field(
+        0.15, ge=0.15, le=0.20, description="From the cube's centre to the enclosure's, at least, metres."
+    )
+    seconds: float = Field(15.0, gt=0.0, le=120.0, description="Time limit of a trial.")
+
+
+@dataclass(frozen=True)
+class PlaceTask(TimedTask):
+    """See `geoprior.sim.tasks.task.Task`."""
+
+    config: PlaceConfig
+    name: str = "place"
+
+    def make(self, robot: Robot, cameras: CamerasConfig, control_rate: int) -> Tabletop:
+        """Build the world with its cube and enclosure."""
+        from geoprior.sim.worlds.place import PlaceWorld
+
+        return PlaceWorld(robot, cameras, control_rate, self.config)
+
+    def expert(
+        self, world: Tabletop, start: NDArray[np.float32], rng: np.random.Generator
+    ) -> Iterator[NDArray[np.float32]]:
+        """Grasp the cube, over the wall with it, down, open, up."""
+        from geoprior.sim.experts.place import place_expert
+        from geoprior.sim.worlds.place import PlaceWorld
+
+        assert isinstance(world, PlaceWorld)
+        return place_expert(world, start, rng)
+
+
+@hookimpl
+def geoprior_tasks() -> Iterable[TaskSpec]:
+    """Task b) of the paper's five."""
+    yield TaskSpec(
+        name="place", summary="put a cube into an enclosure", config=PlaceConfig, factory=PlaceTask
+    )

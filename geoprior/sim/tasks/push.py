@@ -1,0 +1,65 @@
+"""Push: move a cube to a coloured area without lifting it; both are anywhere on the middle of the table."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from pydantic import Field
+
+from geoprior import TaskSpec, hookimpl
+from geoprior.sim.tasks._timed import GoalOptions, TimedTask
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from geoprior.geometry.camera import CamerasConfig
+    from geoprior.sim.robots.robot import Robot
+    from geoprior.sim.worlds.tabletop import Tabletop
+
+
+class PushConfig(GoalOptions):
+    """Options of the task `push`."""
+
+    seconds: float = Field(15.0, gt=0.0, le=120.0, description="Time limit of a trial.")
+    radius: float = Field(
+        0.04, ge=0.02, le=0.06, description="Of the area; the cube's centre must come to lie over it, metres."
+    )
+    lift: float = Field(
+        0.01,
+        ge=0.005,
+        le=0.10,
+        description="Height of the cube's lowest corner that counts as lifted, metres.",
+    )
+
+
+@dataclass(frozen=True)
+class PushTask(TimedTask):
+    """See `geoprior.sim.tasks.task.Task`."""
+
+    config: PushConfig
+    name: str = "push"
+
+    def make(self, robot: Robot, cameras: CamerasConfig, control_rate: int) -> Tabletop:
+        """Build the world with its cube and area."""
+        from geoprior.sim.worlds.push import PushWorld
+
+        return PushWorld(robot, cameras, control_rate, self.config)
+
+    def expert(
+        self, world: Tabletop, start: NDArray[np.float32], rng: np.random.Generator
+    ) -> Iterator[NDArray[np.float32]]:
+        """Down behind the cube, then straight to the area."""
+        from geoprior.sim.experts.push import push_expert
+        from geoprior.sim.worlds.push import PushWorld
+
+        assert isinstance(world, PushWorld)
+        return push_expert(world, start, rng)
+
+
+@hookimpl
+def geoprior_tasks() -> Iterable[TaskSpec]:
+    """Task c) of the paper's five."""
+    yield TaskSpec(name="push", summary="push a cube to a coloured area", config=PushConfig, factory=PushTask)

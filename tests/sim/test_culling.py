@@ -1,0 +1,120 @@
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from geoprior.options import Choice
+from geoprior.sim.culling import Boxes
+from geoprior.sim.views import VISUAL_GROUP, Views
+from geoprior.sim.workers import environment
+
+
+def _frames_of_all(views: Views, data: mujoco.MjData, monkeypatch) -> dict[str, np.ndarray]:
+    """The frames with every geometry drawn."""
+    with monkeypatch.context() as patch:
+        patch.setattr(Boxes, "outside", lambda self, *_: np.zeros(len(self._geoms), dtype=bool))
+        return views.draw(data)
+
+
+def _count_drawn(monkeypatch) -> list[int]:
+    """How many geometries each scene to come holds."""
+    counts, update = [], mujoco.mjv_updateScene
+
+    def counting(*arguments):
+        update(*arguments)
+        counts.append(arguments[-1].ngeom)
+
+    monkeypatch.setattr(mujoco, "mjv_updateScene", counting)
+    return counts
+
+
+@pytest.mark.parametrize("arm", ["ur5e", "xarm7", pytest.param("kinova3", marks=pytest.mark.slow)])
+def test_pictures_of_an_episode_are_the_same_to_the_pixel(arm, pick, cameras, monkeypatch):
+    env = environment(Choice(name=arm), pick, cameras, 10)
+    env.reset(3)
+    counts = _count_drawn(monkeypatch)
+    before = env.world.sim.model.geom_group.copy()
+    for step, command in enumerate(env.expert(seed=0)):
+        env.step(command)
+        if step % 3:
+            continue
+        frames, whole = env.render(), _frames_of_all(env._views, env._data, monkeypatch)
+        for name in whole:
+            np.testing.assert_array_equal(frames[name], whole[name])
+        hand, third, *everything = counts
+        assert hand < 0.7 * max(everything)
+        assert third < max(everything)
+        counts.clear()
+    np.testing.assert_array_equal(env.world.sim.model.geom_group, before)
+
+
+SHAPES = """
+<mujoco>
+  <asset><mesh name="wedge" vertex="0 0 0  .4 0 0  0 .3 0  0 0 .2"/></asset>
+  <worldbody>
+    <light pos="0 0 3"/>
+    <geom type="plane" size="3 3 .1" group="1" rgba=".3 .3 .4 1"/>
+    {}
+    <camera name="one" fovy="50"/>
+    <camera name="two" fovy="80"/>
+  </worldbody>
+</mujoco>
+"""
+KINDS = (
+    'type="box" size=".2 .1 .05"',
+    'type="sphere" size=".1"',
+    'type="capsule" size=".05 .2"',
+    'type="cylinder" size=".1 .15"',
+    'type="ellipsoid" size=".2 .1 .05"',
+    'type="mesh" mesh="wedge"',
+)
+
+
+def _shapes(rng: np.random.Generator) -> mujoco.MjModel:
+    geoms = []
+    for number in range(40):
+        place = " ".join(map(str, rng.uniform(-1.5, 1.5, 3)))
+        turn = " ".join(map(str, rng.normal(size=4)))
+        colour = " ".join(map(str, rng.uniform(0.2, 1.0, 3)))
+        kind = KINDS[number % len(KINDS)]
+        geoms.append(f'<geom {kind} pos="{place}" quat="{turn}" rgba="{colour} 1" group="1"/>')
+    return mujoco.MjModel.from_xml_string(SHAPES.format("\n".join(geoms)))
+
+
+@pytest.mark.parametrize(("height", "width"), [(48, 48), (40, 72), (72, 40)])
+def test_pictures_among_shapes_are_the_same_from_anywhere(height, width, monkeypatch):
+    rng = np.random.default_rng(height)
+    model = _shapes(rng)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    views = Views(model, ["one", "two"], height, width)
+    counts = _count_drawn(monkeypatch)
+    for _ in range(40):
+        for camera in range(2):
+            data.cam_xpos[camera] = rng.uniform(-2.0, 2.0, 3)
+            data.cam_xmat[camera] = Rotation.random(random_state=rng.integers(2**31)).as_matrix().ravel()
+        frames, whole = views.draw(data), _frames_of_all(views, data, monkeypatch)
+        for name in whole:
+            np.testing.assert_array_equal(frames[name], whole[name])
+    views.close()
+    counts = np.reshape(counts, (-1, 2, 2))
+    assert counts[:, 0].mean() < 0.5 * counts[:, 1].mean()
+    assert (counts[:, 0] >= 1).all(), "the plane has no bounds"
+
+
+def test_groups_are_put_back_when_drawing_fails(env):
+    env.reset(1)
+    boxes, model = Boxes(env._model, VISUAL_GROUP), env._model
+    before = model.geom_group.copy()
+    outside = np.ones(int(np.count_nonzero((before == VISUAL_GROUP) & (model.geom_rbound > 0))), dtype=bool)
+
+    def fail() -> None:
+        with boxes.hidden(outside):
+            assert not (model.geom_group == VISUAL_GROUP).any()
+            raise RuntimeError("no")
+
+    with pytest.raises(RuntimeError, match="no"):
+        fail()
+    np.testing.assert_array_equal(model.geom_group, before)
