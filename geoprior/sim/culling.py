@@ -35,8 +35,7 @@ class Boxes:
 
     def __init__(self, model: mujoco.MjModel, group: int) -> None:
         self._model = model
-        # Planes have no bounds and are always drawn.
-        self._geoms = np.flatnonzero((model.geom_group == group) & (model.geom_rbound > 0.0))
+        self._geoms = np.flatnonzero(model.geom_group == group)
         centre, half_sizes = model.geom_aabb[self._geoms, None, :3], model.geom_aabb[self._geoms, None, 3:]
         self._corners = centre + half_sizes * _SIGNS
 

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 AT_ONCE = np.inf
 """Metres a second: a segment of one command."""
 
+LARGEST = 0.006
+"""Metres: the longest correction of an aim."""
+
 
 def door_expert(
     world: DoorWorld, start: NDArray[np.float32], rng: np.random.Generator
@@ -44,12 +47,14 @@ def _grasp(course: Course, world: DoorWorld, rng: np.random.Generator) -> Iterat
     rotation = _slanted(handle, rng.uniform(np.radians(24.0), np.radians(36.0)))
     forward = rotation.as_matrix()[:, 2]
     speed = rng.uniform(0.10, 0.14)
-    grasp = handle[:3, 3] + rng.uniform(-0.005, 0.005) * handle[:3, 0] + rng.uniform(-0.002, 0.004) * forward
+    grasp = handle[:3, 3] + rng.uniform(0.002, 0.008) * handle[:3, 0] + rng.uniform(-0.002, 0.004) * forward
     yield from course.go(Waypoint(grasp - rng.uniform(0.12, 0.15) * forward, rotation, 0.0, speed))
     yield from course.rest(patience=8)
-    yield from course.go(Waypoint(grasp + course.correction(), rotation, 0.0, speed * rng.uniform(0.5, 0.7)))
+    yield from course.go(
+        Waypoint(grasp + _limited(course.correction()), rotation, 0.0, speed * rng.uniform(0.4, 0.55))
+    )
     yield from course.rest(patience=8)
-    grasp += course.correction()
+    grasp += _limited(course.correction())
     yield from course.go(
         Waypoint(grasp, rotation, 0.0, speed, wait=int(rng.integers(0, 3))),
         Waypoint(grasp, rotation, 1.0, speed, wait=CLOSING_STEPS),
@@ -75,6 +80,11 @@ def _slanted(handle: FloatArray, slant: float) -> Rotation:
     bar = handle[:3, 0]
     yaw = float(np.arctan2(-bar[1], -bar[0]))
     return Rotation.from_euler("z", yaw) * Rotation.from_euler("x", -slant) * hand_down(0.0)
+
+
+def _limited(correction: FloatArray) -> FloatArray:
+    """No longer than `LARGEST`: a lack of centimetres is a swing of the arm, and soon over."""
+    return correction * min(1.0, LARGEST / max(float(np.linalg.norm(correction)), LARGEST))
 
 
 def _eased(time: float) -> float:

@@ -56,18 +56,22 @@ def _take(
         Waypoint(grasp, down, 0.0, speed, wait=int(rng.integers(0, 3))),
         Waypoint(grasp, down, 1.0, speed, wait=CLOSING_STEPS),
         Waypoint(grasp + up, down, 1.0, speed, wait=int(rng.integers(1, 3))),
-        Waypoint(over + up, down, 1.0, speed),
+        Waypoint(over + up, down, 1.0, 0.75 * speed),
     )
 
 
 def _put(
     course: Course, world: PileWorld, down: Rotation, speed: float, rng: np.random.Generator
 ) -> Iterator[NDArray[np.float32]]:
-    """Down to just above the can and then onto it, each time by where the bottle really is."""
+    """Down to just above the can and then onto it, each time by where the bottle really is.
+
+    From up there the aim is mended by half: after the long way to the can the hand still swings.
+    """
     aim = rng.uniform(-0.004, 0.004, 2)
-    for height, share in ((rng.uniform(0.010, 0.015), 0.4), (0.0, 0.25)):
-        yield from course.rest(patience=8)
-        target = _now(course) + np.array([*aim, height]) - world.bottle_over_can()
+    for height, gain, share in ((rng.uniform(0.010, 0.015), 0.5, 0.4), (0.0, 1.0, 0.25)):
+        yield from course.rest(patience=10)
+        lacking = np.array([*aim, height]) - world.bottle_over_can()
+        target = _now(course) + np.array([gain, gain, 1.0]) * lacking
         yield from course.go(Waypoint(target, down, 1.0, share * speed))
     yield from course.rest(patience=4)
 
@@ -79,7 +83,7 @@ def _leave(
     here, up = _now(course), np.array([0.0, 0.0, rng.uniform(0.07, 0.09)])
     yield from course.go(
         Waypoint(here, down, 0.0, speed, wait=int(rng.integers(6, 9))),
-        Waypoint(here + up, down, 0.0, 0.8 * speed, wait=int(rng.integers(3, 6))),
+        Waypoint(here + up, down, 0.0, 0.8 * speed, wait=int(rng.integers(5, 8))),
     )
 
 

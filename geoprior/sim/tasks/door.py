@@ -27,7 +27,7 @@ class DoorConfig(TimedOptions):
     """
 
     range_x: float = Field(
-        0.09, ge=0.0, le=0.09, description="The door stands within +- this along x, metres."
+        0.08, ge=0.0, le=0.08, description="The door stands within +- this along x, metres."
     )
     range_y: float = Field(
         0.075, ge=0.0, le=0.075, description="The door stands within +- this along y, metres."

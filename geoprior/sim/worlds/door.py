@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from geoprior.sim.robots.robot import Robot
     from geoprior.sim.tasks.door import DoorConfig
 
-MIDDLE = np.array([-0.17, -0.185])
+MIDDLE = np.array([-0.155, -0.185])
 """Middle of the rectangle in which the door stands, workspace frame, metres. Farther out, the Kinova's elbow
-comes to be stretched when its hand is at the handle."""
+comes to be stretched when its hand is at the handle; nearer, the UR5e's folds up as the door opens."""
 
 FACING = np.radians(170.0)
 """Yaw of the door in the middle of its range: its handle's side looks along +y and a little towards +x, so

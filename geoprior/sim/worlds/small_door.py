@@ -27,8 +27,8 @@ POST_HEIGHT = 0.252
 POST_OFFSET = 0.109
 """Metres from the panel's middle to the middle of either post; the hinge's axis is the middle of one."""
 
-HANDLE_SIZE = np.array([0.05, 0.013, 0.016])
-HANDLE_POSITION = np.array([-0.055, -0.068, 0.100])
+HANDLE_SIZE = np.array([0.042, 0.013, 0.016])
+HANDLE_POSITION = np.array([-0.059, -0.066, 0.100])
 """Middle of the handle's bar in the closed door's frame, metres: the bar stands clear of the panel by what an
 open finger needs."""
 
