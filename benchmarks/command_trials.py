@@ -26,7 +26,7 @@ from geoprior.options import Choice
 from geoprior.progress import track
 from geoprior.sim.judge import GAVE_UP, UNSTABLE, Judge
 from geoprior.sim.records import TrialRecord, append_record, read_records
-from geoprior.sim.workers import environment
+from geoprior.sim.workers import Setup, environment
 
 if TYPE_CHECKING:
     import numpy as np
@@ -35,6 +35,8 @@ if TYPE_CHECKING:
     from geoprior.sim.environment import Environment
 
 CONTROL_RATE = 10
+PAPER = {"robot": ("ur5e", "xarm7", "kinova3"), "task": ("pick", "place", "push", "pile", "door")}
+"""Section IV-A of the paper."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,7 @@ class Unit:
     Attributes:
         robot: Registered name.
         task: Registered name.
-        condition: Where the commands come from.
+        condition: Where the commands come from, or what carries them out.
         state: Seed of the initial state.
     """
 
@@ -54,9 +56,10 @@ class Unit:
     state: int
 
 
-def make(robot: str, task: str) -> Environment:
+def make(robot: str, task: str, controller: str = "fast") -> Environment:
     """This process's environment; nothing is drawn, so the cameras do not matter."""
-    return environment(Choice(name=robot), Choice(name=task), CamerasConfig(), CONTROL_RATE)
+    arm = Choice(name=robot, options={"controller": controller})
+    return environment(Setup(arm, Choice(name=task), CamerasConfig()), CONTROL_RATE)
 
 
 def watch(
@@ -130,8 +133,9 @@ def parse(description: str | None) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         description=description, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    for kind in ("robot", "task"):
-        parser.add_argument(f"--{kind}s", nargs="+", choices=plugins().names(kind), help="all by default")
+    for kind, names in PAPER.items():
+        choices, text = plugins().names(kind), f"the paper's by default: {', '.join(names)}"
+        parser.add_argument(f"--{kind}s", nargs="+", choices=choices, default=names, help=text)
     parser.add_argument("--workers", type=int, default=1, help="processes; 0 takes one for each core")
     parser.add_argument("--work", type=Path, default=Path("runs"), help="folder of the work file")
     parser.add_argument("--json", type=Path, help="where the result goes, besides the terminal")
@@ -140,9 +144,7 @@ def parse(description: str | None) -> argparse.ArgumentParser:
 
 def pairs(options: argparse.Namespace) -> list[tuple[str, str]]:
     """Every robot with every task that is wanted."""
-    robots = options.robots or plugins().names("robot")
-    tasks = options.tasks or plugins().names("task")
-    return [(robot, task) for robot in robots for task in tasks]
+    return [(robot, task) for robot in options.robots for task in options.tasks]
 
 
 def tell(

@@ -11,6 +11,7 @@ import pluggy
 
 from geoprior.hooks.types import (
     ExecutorSpec,
+    LookSpec,
     MotionSpec,
     PolicySpec,
     PrimitiveSpec,
@@ -29,6 +30,7 @@ hookimpl = pluggy.HookimplMarker("geoprior")
 
 __all__ = [
     "ExecutorSpec",
+    "LookSpec",
     "MotionSpec",
     "PolicySpec",
     "PrimitiveSpec",

@@ -24,6 +24,8 @@ from geoprior.training.config import FinetuneConfig, PretrainConfig
 
 QUICKSTART = "quickstart"
 KINDS = {
+    ("demos", "look"): "look",
+    ("evaluate", "look"): "look",
     ("executor",): "executor",
     ("generate", "motions"): "motion",
     ("generate", "primitives"): "primitive",

@@ -187,10 +187,11 @@ def _seconds(function: Any, *arguments: Any) -> float:
 
 
 def _environment(controller: str) -> Environment:
-    from geoprior.sim.workers import environment
+    from geoprior.sim.workers import Setup, environment
 
-    cameras = CamerasConfig(height=SIZE, width=SIZE)
-    return environment(Choice(name=ROBOT), Choice(name="pick"), cameras, CONTROL_RATE, controller)
+    robot = Choice(name=ROBOT, options={"controller": controller})
+    setup = Setup(robot, Choice(name="pick"), CamerasConfig(height=SIZE, width=SIZE))
+    return environment(setup, CONTROL_RATE)
 
 
 @lru_cache(maxsize=len(STATES))

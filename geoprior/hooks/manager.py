@@ -26,6 +26,7 @@ from geoprior.errors import ConfigError, PluginError
 from geoprior.hooks import specs
 from geoprior.hooks.types import (
     ExecutorSpec,
+    LookSpec,
     MotionSpec,
     PolicySpec,
     PrimitiveSpec,
@@ -50,6 +51,7 @@ BUILTIN_PACKAGES = (
     "geoprior.training.loggers",
     "geoprior.sim.robots",
     "geoprior.sim.tasks",
+    "geoprior.sim.looks",
     "geoprior.executors",
 )
 SPEC_OF_HOOK: dict[str, type[Spec]] = {
@@ -60,6 +62,7 @@ SPEC_OF_HOOK: dict[str, type[Spec]] = {
     "geoprior_sources": SourceSpec,
     "geoprior_robots": RobotSpec,
     "geoprior_tasks": TaskSpec,
+    "geoprior_looks": LookSpec,
     "geoprior_policies": PolicySpec,
     "geoprior_executors": ExecutorSpec,
 }

@@ -12,6 +12,7 @@ import pluggy
 
 from geoprior.hooks.types import (
     ExecutorSpec,
+    LookSpec,
     MotionSpec,
     PolicySpec,
     PrimitiveSpec,
@@ -60,6 +61,11 @@ def geoprior_robots() -> Iterable[RobotSpec]:  # type: ignore[empty-body]
 @hookspec
 def geoprior_tasks() -> Iterable[TaskSpec]:  # type: ignore[empty-body]
     """Downstream tasks: environment, success rule, initial states and scripted expert."""
+
+
+@hookspec
+def geoprior_looks() -> Iterable[LookSpec]:  # type: ignore[empty-body]
+    """Ways in which the simulated world may look, with the physics left alone."""
 
 
 @hookspec

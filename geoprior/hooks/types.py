@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from geoprior.render.clouds import Cloud, Shot
     from geoprior.scene.mesh import Mesh
     from geoprior.scene.scene import Scene
+    from geoprior.sim.looks.look import Look
     from geoprior.sim.robots.robot import Robot
     from geoprior.sim.tasks.task import Task
     from geoprior.sources.source import Source
@@ -168,6 +169,14 @@ class TaskSpec(Spec):
 
     kind: ClassVar[str] = "task"
     factory: Callable[..., Task]
+
+
+@dataclass(frozen=True)
+class LookSpec(Spec):
+    """``factory(config) -> Look``"""
+
+    kind: ClassVar[str] = "look"
+    factory: Callable[..., Look]
 
 
 @dataclass(frozen=True)

@@ -96,6 +96,6 @@ class Predictor(Protocol):
 
         Returns:
             (B, chunk, pose_size) pose commands at the policy's rate ``fps``, quaternions of unit length,
-            gripper 0 or 1.
+            gripper 0 or 1. A command that is not finite is NaN in all its numbers: it fails its own trial.
         """
         ...

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 import torch
 
-from geoprior.errors import DataError, NumericalError
+from geoprior.errors import DataError
 from geoprior.policies.normalise import Normaliser, normalise_images
 from geoprior.shards.episode import POSE_SIZE
 
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 class LoadedPredictor:
     """See `geoprior.policies.policy.Predictor`.
 
-    Observations go through the network one at a time, so that a trial's actions do not depend on which
-    other trials share its batch: kernels of another batch size round differently.
+    The network sees the whole batch at once. Kernels of another batch size round differently: who needs the
+    same bits keeps to one size, and to one row for each trial.
 
     Args:
         policy: In any mode; it is put into evaluation mode.
@@ -45,21 +45,13 @@ class LoadedPredictor:
 
         Raises:
             DataError: A camera is missing or extra, or an array has another shape or type.
-            NumericalError: The policy said something that is not finite.
         """
         stacked = self._stack(pose, images)
         poses = torch.from_numpy(self._normaliser.normalise("pose", pose))
-        chunks = [self._predict_one(poses[i : i + 1], stacked[i : i + 1]) for i in range(len(pose))]
-        actions = self._normaliser.denormalise("action", np.concatenate(chunks))
-        if not np.isfinite(actions).all():
-            raise NumericalError("the policy predicted an action that is not finite")
-        return to_commands(actions)
-
-    def _predict_one(self, pose: torch.Tensor, frames: NDArray[np.uint8]) -> NDArray[np.float32]:
         with torch.inference_mode():
-            images = normalise_images(torch.from_numpy(frames))
-            chunk: NDArray[np.float32] = self._policy.predict({"pose": pose, "images": images}).numpy()
-        return chunk
+            frames = normalise_images(torch.from_numpy(stacked))
+            actions = self._policy.predict({"pose": poses, "images": frames}).numpy()
+        return to_commands(self._normaliser.denormalise("action", actions))
 
     def _stack(self, pose: NDArray[np.float32], images: Mapping[str, NDArray[np.uint8]]) -> NDArray[np.uint8]:
         if set(images) != set(self.features.cameras):
@@ -92,11 +84,13 @@ def to_commands(actions: NDArray[np.float32]) -> NDArray[np.float32]:
         actions: (..., 8 x hands) as a network says them.
 
     Returns:
-        The same shape: quaternions of unit length, gripper 0 or 1.
+        The same shape: quaternions of unit length, gripper 0 or 1. An action that is not finite is NaN in all
+        its numbers.
     """
     by_hand = actions.reshape(*actions.shape[:-1], -1, POSE_SIZE).astype(np.float64)
     quaternions = by_hand[..., 3:7]
     norms = np.linalg.norm(quaternions, axis=-1, keepdims=True)
     by_hand[..., 3:7] = quaternions / np.maximum(norms, 1e-9)
     by_hand[..., 7] = by_hand[..., 7] > 0.5
+    by_hand[~np.isfinite(actions).all(axis=-1)] = np.nan
     return by_hand.reshape(actions.shape).astype(np.float32)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field, field_validator
 
-from geoprior.options import Options
+from geoprior.options import Choice, Options
 
 SIMULATION_RATE = 500
 """Physics steps a second, fixed by robosuite; a control rate divides it, or the control steps drift."""
@@ -21,6 +21,7 @@ class DemosConfig(Options):
         3, ge=1, le=100, description="Attempts allowed for each demonstration wanted, over all of them."
     )
     control_rate: int = Field(10, ge=1, le=SIMULATION_RATE, description="Commands a second; divides 500.")
+    look: Choice = Field(default=Choice(name="plain"), description="How the world looks to the cameras.")
 
     @property
     def max_attempts(self) -> int:
@@ -57,6 +58,18 @@ class EvaluateConfig(Options):
     )
     time_limit: float | None = Field(
         None, gt=0.0, le=600.0, description="Seconds that a trial may take; null takes the task's own limit."
+    )
+    look: Choice = Field(
+        default=Choice(name="plain"),
+        description="How the world looks to the cameras: perhaps not as in the demonstrations. Physics and "
+        "initial states are the same in every look.",
+    )
+    batch: int = Field(
+        4,
+        ge=1,
+        le=256,
+        description="Trials that run side by side in a worker, so that the policy looks for all of them at "
+        "once. Each has an environment of its own, some 60 MiB.",
     )
     films: int = Field(
         2, ge=0, le=100, description="Trials to film of every condition's last checkpoint, the first ones."

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from copy import copy
 from typing import TYPE_CHECKING
 
 import mujoco
@@ -34,10 +35,16 @@ class Boxes:
     """
 
     def __init__(self, model: mujoco.MjModel, group: int) -> None:
-        self._model = model
+        self.model = model
         self._geoms = np.flatnonzero(model.geom_group == group)
         centre, half_sizes = model.geom_aabb[self._geoms, None, :3], model.geom_aabb[self._geoms, None, 3:]
         self._corners = centre + half_sizes * _SIGNS
+
+    def of(self, model: mujoco.MjModel) -> Boxes:
+        """The boxes of a model with the same geometries, whose groups are its own."""
+        other = copy(self)
+        other.model = model
+        return other
 
     def corners(self, data: mujoco.MjData) -> FloatArray:
         """(G, 8, 3) corners now, in the world frame, metres."""
@@ -55,7 +62,7 @@ class Boxes:
             camera: Number of a camera that is given by its vertical field of view.
             aspect: Columns over rows of its picture.
         """
-        high = np.tan(np.radians(self._model.cam_fovy[camera]) / 2.0)
+        high = np.tan(np.radians(self.model.cam_fovy[camera]) / 2.0)
         wide = aspect * high
         # Outward normals of the pyramid's sides and of the plane through its tip; MuJoCo's cameras look
         # along -z.
@@ -71,9 +78,9 @@ class Boxes:
     def hidden(self, outside: BoolArray) -> Iterator[None]:
         """Context in which geometries are in `HIDDEN_GROUP`. Physics does not ask for the group."""
         geoms = self._geoms[outside]
-        groups = self._model.geom_group[geoms]
-        self._model.geom_group[geoms] = HIDDEN_GROUP
+        groups = self.model.geom_group[geoms]
+        self.model.geom_group[geoms] = HIDDEN_GROUP
         try:
             yield
         finally:
-            self._model.geom_group[geoms] = groups
+            self.model.geom_group[geoms] = groups

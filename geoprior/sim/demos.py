@@ -20,7 +20,7 @@ from geoprior.shards.manifest import Manifest, ShardRecord, read_manifest, recor
 from geoprior.shards.writer import write_shard
 from geoprior.sim.config import DemosConfig
 from geoprior.sim.judge import GAVE_UP, UNSTABLE
-from geoprior.sim.workers import environment
+from geoprior.sim.workers import Setup, environment
 
 if TYPE_CHECKING:
     from geoprior.hooks.types import Executor
@@ -38,9 +38,7 @@ class AttemptTask:
     Attributes:
         number: Of the attempt, from 0.
         state_seed: Initial state.
-        robot: Choice of the arm, resolved.
-        task: Choice of the task, resolved.
-        cameras: Lenses and size of the frames.
+        setup: What is simulated, resolved.
         control_rate: Commands a second.
         seed: Root seed.
         out: Folder of the shards.
@@ -48,9 +46,7 @@ class AttemptTask:
 
     number: int
     state_seed: int
-    robot: Choice
-    task: Choice
-    cameras: CamerasConfig
+    setup: Setup
     control_rate: int
     seed: int
     out: Path
@@ -68,7 +64,7 @@ class AttemptTask:
     @property
     def recipe(self) -> str:
         """Hash of everything that decides the attempt."""
-        parts = (self.robot, self.task, self.cameras)
+        parts = (self.setup.robot, self.setup.task, self.setup.cameras, self.setup.look)
         tree = [part.model_dump(mode="json") for part in parts]
         return sha256_json([*tree, self.control_rate, self.seed, self.number, self.state_seed])
 
@@ -124,8 +120,9 @@ def collect(
         DataError: The folder cannot be written, or holds demonstrations of another config.
         MachineError: No GL, or a worker died; the same call goes on.
     """
+    setup = Setup(robot, task, cameras, config.look)
     tasks = [
-        AttemptTask(number, config.first_state + number, robot, task, cameras, config.control_rate, seed, out)
+        AttemptTask(number, config.first_state + number, setup, config.control_rate, seed, out)
         for number in range(config.max_attempts)
     ]
     if (out / ATTEMPTS).exists():
@@ -144,7 +141,7 @@ def collect(
 
 def attempt(task: AttemptTask) -> Attempt:
     """Make one attempt; a success is a shard on disk when this returns, and either is a note."""
-    env = environment(task.robot, task.task, task.cameras, task.control_rate)
+    env = environment(task.setup, task.control_rate)
     episode, reason, steps = record_expert(env, task)
     if episode is not None:
         write_shard(task.shard, [episode])
@@ -192,9 +189,9 @@ def _header(env: Environment, task: AttemptTask, steps: int) -> EpisodeHeader:
     from geoprior.sim.environment import HAND
 
     return EpisodeHeader(
-        key=f"{task.task.name}-{task.number:06d}",
+        key=f"{task.setup.task.name}-{task.number:06d}",
         source=SOURCE,
-        motion=task.task.name,
+        motion=task.setup.task.name,
         index=task.number,
         seed=task.state_seed,
         fps=task.control_rate,
@@ -203,8 +200,9 @@ def _header(env: Environment, task: AttemptTask, steps: int) -> EpisodeHeader:
         cameras=env.camera_headers(),
         generator=f"geoprior {__version__}",
         details={
-            "robot": task.robot.model_dump(mode="json"),
-            "task": task.task.model_dump(mode="json"),
+            "robot": task.setup.robot.model_dump(mode="json"),
+            "task": task.setup.task.model_dump(mode="json"),
+            "look": task.setup.look.model_dump(mode="json"),
             "root_seed": task.seed,
         },
     )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import mujoco
@@ -12,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from geoprior.errors import ConfigError, DataError
-from geoprior.geometry.camera import CamerasConfig, pinhole_intrinsics
+from geoprior.geometry.camera import pinhole_intrinsics
 from geoprior.geometry.se3 import (
     REFERENCE_QUATERNION,
     continuous_quaternions,
@@ -20,10 +19,11 @@ from geoprior.geometry.se3 import (
 )
 from geoprior.geometry.seeding import generator
 from geoprior.shards.episode import CameraHeader
+from geoprior.sim.appearance import Appearance
 from geoprior.sim.config import SIMULATION_RATE
 from geoprior.sim.control import PoseControl, require_controller
 from geoprior.sim.meshes import lighten_meshes
-from geoprior.sim.views import Views
+from geoprior.sim.views import Eyes
 from geoprior.sim.worlds.tabletop import HAND_CAMERA, TABLE_TOP, THIRD_CAMERA
 
 if TYPE_CHECKING:
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
     from geoprior.geometry.se3 import FloatArray
     from geoprior.sim.robots.robot import Robot
+    from geoprior.sim.setting import Setting
     from geoprior.sim.tasks.task import Task
 
 HAND = "hand"
@@ -69,43 +70,37 @@ class Environment:
     other episodes. Build it once in a process and reset it: building takes seconds.
 
     Args:
-        robot: The arm.
+        robot: The arm, and how it is driven; see `geoprior.sim.control`.
         task: The task.
-        cameras: Frame size and fields of view.
-        control_rate: Commands a second.
-        controller: ``exact`` steps as robosuite does to the last bit, ``fast`` to rounding in a third of the
-            time; see `geoprior.sim.control`.
+        setting: How it is seen and paced.
+        eyes: Rendering contexts that several environments of the same arm, task and setting share; its own
+            ones by default.
 
     Raises:
         ConfigError: The control rate does not divide the physics rate, or there is no such controller.
         MachineError: No GL, or robosuite cannot be used.
     """
 
-    def __init__(
-        self,
-        robot: Robot,
-        task: Task,
-        cameras: CamerasConfig,
-        control_rate: int,
-        controller: str = "exact",
-    ) -> None:
-        if SIMULATION_RATE % control_rate:
+    def __init__(self, robot: Robot, task: Task, setting: Setting, eyes: Eyes | None = None) -> None:
+        if SIMULATION_RATE % setting.control_rate:
             raise ConfigError(
-                f"control_rate {control_rate}: it must divide the physics' {SIMULATION_RATE} steps a second",
+                f"control_rate {setting.control_rate}: it must divide the physics' rate, {SIMULATION_RATE}",
                 "choose 10, 20, 25 or 50",
             )
         # What goes wrong inside a step is read from counters; a log file in the working folder helps nobody.
         mujoco.set_mju_user_warning(_ignore)
-        self.robot, self.task, self.cameras, self.control_rate = robot, task, cameras, control_rate
-        self.controller = require_controller(controller)
-        self.world = task.make(robot, cameras, control_rate)
+        self.robot, self.task, self.setting = robot, task, setting
+        self.cameras, self.control_rate = setting.cameras, setting.control_rate
+        self.controller = require_controller(robot.controller)
+        self.world = task.make(robot, setting)
         self._model, self._data = self.world.sim.model._model, self.world.sim.data._data
         lighten_meshes(self._model)
+        self._appearance = Appearance(self._model)
+        self.eyes = eyes if eyes is not None else Eyes([HAND_CAMERA, THIRD_CAMERA])
         self._state_seed = -1
         self._gripper = 0.0
         self._quaternion = REFERENCE_QUATERNION
         self._control: PoseControl | None = None
-        self._film: tuple[int, Views] | None = None
 
     @property
     def seconds(self) -> float:
@@ -119,6 +114,8 @@ class Environment:
             DataError: The initial state counts as success: the task's rule cannot be used on it.
         """
         self.world.state_seed = self._state_seed = state_seed
+        self._appearance.restore()
+        self.setting.look.dress(self._model, generator(state_seed, "state", "look"))
         self.world.reset()
         self._control = PoseControl(self.world, self.controller)
         self._gripper, self._quaternion = 0.0, REFERENCE_QUATERNION
@@ -164,7 +161,7 @@ class Environment:
 
     def render(self) -> dict[str, NDArray[np.uint8]]:
         """Frames of both cameras now."""
-        return self._views.draw(self._data)
+        return self.eyes.draw(self._model, self._data, self.cameras.height, self.cameras.width)
 
     def observe(self) -> Observation:
         """Pose and frames now. Frames are drawn only here and in `render`."""
@@ -201,23 +198,12 @@ class Environment:
 
     def film_frame(self, size: int) -> NDArray[np.uint8]:
         """(size, 2 x size, 3) RGB: the third camera's view beside the hand's, for people to look at."""
-        if self._film is None or self._film[0] != size:
-            self._film = (size, Views(self._model, [HAND_CAMERA, THIRD_CAMERA], size, size))
-        frames = self._film[1].draw(self._data)
+        frames = self.eyes.draw(self._model, self._data, size, size)
         return np.hstack([frames[THIRD_CAMERA], frames[HAND_CAMERA]])
 
     def close(self) -> None:
         """Free the rendering contexts."""
-        if self._film is not None:
-            self._film[1].close()
-            self._film = None
-        if "_views" in self.__dict__:
-            self._views.close()
-            del self.__dict__["_views"]
-
-    @cached_property
-    def _views(self) -> Views:
-        return Views(self._model, [HAND_CAMERA, THIRD_CAMERA], self.cameras.height, self.cameras.width)
+        self.eyes.close()
 
     def _locate(self) -> None:
         """Bring positions up to date with the joints; robosuite's lag one physics step behind."""

@@ -33,6 +33,7 @@ class TrialRecord:
         seconds: Simulated time of the episode; wall time is not recorded, so that a record is the same
             whoever made it.
         film: Path of its film within the run folder, or empty.
+        look: Registered name of the look that the cameras saw.
     """
 
     robot: str
@@ -46,6 +47,7 @@ class TrialRecord:
     steps: int
     seconds: float
     film: str = ""
+    look: str = "plain"
 
     @property
     def key(self) -> tuple[str, int, int, int]:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,14 +21,16 @@ from geoprior.progress import track
 from geoprior.shards.episode import POSE_SIZE
 from geoprior.sim.config import SIMULATION_RATE, EvaluateConfig
 from geoprior.sim.records import TrialRecord, append_record, read_records, write_records
-from geoprior.sim.workers import environment
+from geoprior.sim.workers import Setup, environments
 from geoprior.view.film import write_film
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from geoprior.hooks.types import Executor
     from geoprior.policies.policy import Predictor
+    from geoprior.sim.environment import Environment
+    from geoprior.sim.trial import Trial
 
 ROLLOUTS = "rollouts.jsonl"
 FILMS = "films"
@@ -53,34 +56,24 @@ class CheckpointRef:
 
 
 @dataclass(frozen=True)
-class TrialTask:
-    """One trial: a unit of work that any process can do.
+class TrialGroup:
+    """Some trials of one checkpoint: a unit of work that any process can do.
 
     Attributes:
-        checkpoint: Whose trial it is.
-        state_seed: Initial state.
-        config: How it is run.
-        robot: Choice of the arm.
-        task: Choice of the task.
-        cameras: Lenses and size of the frames.
-        film: Where to put a film of it, or None.
+        checkpoint: Whose trials they are.
+        states: Initial states; no two of them share a row of the batch, which is the state modulo its rows.
+        config: How they are run.
+        setup: What is simulated.
+        films: Where to put a film of a state, by the state.
         load: Loads a checkpoint; importable.
     """
 
     checkpoint: CheckpointRef
-    state_seed: int
+    states: tuple[int, ...]
     config: EvaluateConfig
-    robot: Choice
-    task: Choice
-    cameras: CamerasConfig
-    film: Path | None
+    setup: Setup
+    films: Mapping[int, Path]
     load: Loader
-
-    @property
-    def key(self) -> tuple[str, int, int, int]:
-        """As `TrialRecord.key`."""
-        ref = self.checkpoint
-        return ref.condition, ref.training_seed, ref.epoch, self.state_seed
 
 
 def find_checkpoints(folder: Path) -> tuple[CheckpointRef, ...]:
@@ -136,88 +129,128 @@ def evaluate(
         DataError: The records are of another evaluation, or a checkpoint cannot be used.
         MachineError: No GL, or a worker died.
     """
-    path = out / ROLLOUTS
-    tasks = _plan(config, robot, task, cameras, checkpoints, out, load)
+    path, setup = out / ROLLOUTS, Setup(robot, task, cameras, config.look)
+    planned = [(ref, state) for ref in sorted(checkpoints) for state in config.states]
     records = {record.key: record for record in read_records(path)}
-    _refuse_foreign(path, tasks, records)
-    missing = [each for each in tasks if each.key not in records]
-    with track("evaluate", len(tasks), "trials", done=len(records)) as progress:
-        for _, record in executor.run(roll_out, missing):
-            append_record(path, record)
-            records[record.key] = record
-            progress.advance(condition=record.condition, epoch=record.epoch)
+    _refuse_foreign(path, {_key(ref, state) for ref, state in planned}, setup, records.values())
+    missing = [(ref, state) for ref, state in planned if _key(ref, state) not in records]
+    films = _films(config, checkpoints, out)
+    groups = [
+        TrialGroup(
+            ref,
+            states,
+            config,
+            setup,
+            {state: films[ref, state] for state in states if (ref, state) in films},
+            load,
+        )
+        for ref, states in _grouped(missing, config.batch)
+    ]
+    with track("evaluate", len(planned), "trials", done=len(records)) as progress:
+        for _, finished in executor.run(roll_out, groups):
+            for record in finished:
+                append_record(path, record)
+                records[record.key] = record
+                progress.advance(condition=record.condition, epoch=record.epoch)
     write_records(path, records.values())
     (out / FILMS).mkdir(exist_ok=True)
     return {"trials": len(records), "successes": sum(record.success for record in records.values())}
 
 
-def roll_out(task: TrialTask) -> TrialRecord:
-    """Run one trial; its film, if one is wanted, is on disk when this returns."""
-    from geoprior.sim.trial import run_trial
+def roll_out(group: TrialGroup) -> list[TrialRecord]:
+    """Run some trials side by side; their films, if any are wanted, are on disk when this returns."""
+    from geoprior.sim.trial import run_trials
 
     with _one_thread():
-        predictor = _predictor(task.load, task.checkpoint.path)
-        env = environment(task.robot, task.task, task.cameras, _control_rate(task.checkpoint, predictor))
-        frames: list[Any] = []
-        film = None if task.film is None else lambda: frames.append(env.film_frame(task.config.film_size))
-        outcome = run_trial(env, predictor, task.config, task.state_seed, on_step=film)
-    if task.film is not None:
-        write_film(task.film, frames, env.control_rate)
+        predictor = _predictor(group.load, group.checkpoint.path)
+        rate = _control_rate(group.checkpoint, predictor)
+        pool = environments(group.setup, rate, len(group.states))
+        shows: dict[int, list[Any]] = {state: [] for state in group.films}
+        trials = {
+            state: _begin(group, env, state, shows.get(state))
+            for state, env in zip(group.states, pool, strict=True)
+        }
+        rows = group.config.batch
+        run_trials({state % rows: trial for state, trial in trials.items()}, predictor, rows)
+    for state, frames in shows.items():
+        write_film(group.films[state], frames, rate)
+    return [_record(group, state, trial, rate) for state, trial in trials.items()]
+
+
+def _begin(group: TrialGroup, env: Environment, state: int, frames: list[Any] | None) -> Trial:
+    from geoprior.sim.trial import Trial
+
+    def film() -> None:
+        assert frames is not None
+        frames.append(env.film_frame(group.config.film_size))
+
+    return Trial(env, group.config, state, on_step=None if frames is None else film)
+
+
+def _record(group: TrialGroup, state: int, trial: Trial, rate: int) -> TrialRecord:
+    outcome, ref = trial.outcome, group.checkpoint
+    assert outcome is not None
     return TrialRecord(
-        robot=task.robot.name,
-        task=task.task.name,
-        condition=task.checkpoint.condition,
-        training_seed=task.checkpoint.training_seed,
-        epoch=task.checkpoint.epoch,
-        state_seed=task.state_seed,
+        robot=group.setup.robot.name,
+        task=group.setup.task.name,
+        condition=ref.condition,
+        training_seed=ref.training_seed,
+        epoch=ref.epoch,
+        state_seed=state,
         success=outcome.success,
         reason=outcome.reason,
         steps=outcome.steps,
-        seconds=outcome.steps / env.control_rate,
-        film="" if task.film is None else f"{FILMS}/{task.film.name}",
+        seconds=outcome.steps / rate,
+        film=f"{FILMS}/{group.films[state].name}" if state in group.films else "",
+        look=group.setup.look.name,
     )
 
 
-def _plan(
-    config: EvaluateConfig,
-    robot: Choice,
-    task: Choice,
-    cameras: CamerasConfig,
-    checkpoints: Sequence[CheckpointRef],
-    out: Path,
-    load: Loader,
-) -> list[TrialTask]:
-    """All trials, checkpoint by checkpoint: a worker then seldom loads another one."""
-    last = {(ref.condition, ref.training_seed): ref.epoch for ref in sorted(checkpoints)}
-    filmed_seed = {ref.condition: ref.training_seed for ref in sorted(checkpoints, reverse=True)}
+def _key(ref: CheckpointRef, state: int) -> tuple[str, int, int, int]:
+    """As `TrialRecord.key`."""
+    return ref.condition, ref.training_seed, ref.epoch, state
 
-    def film(ref: CheckpointRef, state: int) -> Path | None:
-        chosen = (
-            ref.training_seed == filmed_seed[ref.condition]
-            and ref.epoch == last[ref.condition, ref.training_seed]
-            and state in config.states[: config.films]
-        )
-        name = f"{ref.condition}-s{ref.training_seed}-epoch-{ref.epoch:06d}-state-{state}.webm"
-        return out / FILMS / name if chosen else None
 
-    return [
-        TrialTask(ref, state, config, robot, task, cameras, film(ref, state), load)
-        for ref in sorted(checkpoints)
-        for state in config.states
-    ]
+def _grouped(
+    missing: Sequence[tuple[CheckpointRef, int]], rows: int
+) -> Iterator[tuple[CheckpointRef, tuple[int, ...]]]:
+    """Trials side by side: of one checkpoint, and with rows of their own in the batch.
+
+    Checkpoint after checkpoint: a worker then seldom loads another one.
+    """
+    for (ref, _), trials in groupby(missing, key=lambda trial: (trial[0], trial[1] // rows)):
+        yield ref, tuple(state for _, state in trials)
+
+
+def _films(
+    config: EvaluateConfig, checkpoints: Sequence[CheckpointRef], out: Path
+) -> dict[tuple[CheckpointRef, int], Path]:
+    """Films of the first trials of every condition: of its first training seed's last checkpoint."""
+    shown: dict[str, CheckpointRef] = {}
+    for ref in sorted(checkpoints, key=lambda ref: (-ref.training_seed, ref.epoch)):
+        shown[ref.condition] = ref
+    return {
+        (ref, state): out
+        / FILMS
+        / f"{ref.condition}-s{ref.training_seed}-epoch-{ref.epoch:06d}-state-{state}.webm"
+        for ref in shown.values()
+        for state in config.states[: config.films]
+    }
 
 
 def _refuse_foreign(
-    path: Path, tasks: Sequence[TrialTask], records: Mapping[tuple[str, int, int, int], TrialRecord]
+    path: Path,
+    planned: set[tuple[str, int, int, int]],
+    setup: Setup,
+    records: Iterable[TrialRecord],
 ) -> None:
-    planned = {task.key for task in tasks}
-    names = {(task.robot.name, task.task.name) for task in tasks}
-    for record in records.values():
-        if record.key not in planned or (record.robot, record.task) not in names:
+    names = (setup.robot.name, setup.task.name, setup.look.name)
+    for record in records:
+        if record.key not in planned or (record.robot, record.task, record.look) != names:
             raise DataError(
-                f"{path}: holds a trial that is not wanted: {record.task} on {record.robot}, "
-                f"{record.condition}, training seed {record.training_seed}, epoch {record.epoch}, "
-                f"initial state {record.state_seed}",
+                f"{path}: holds a trial that is not wanted: {record.task} on {record.robot}, look "
+                f"{record.look}, {record.condition}, training seed {record.training_seed}, epoch "
+                f"{record.epoch}, initial state {record.state_seed}",
                 "delete the file, or choose another folder",
             )
 

@@ -1,4 +1,9 @@
-"""One policy, one initial state: from the reset to a verdict."""
+"""One policy, some initial states: from the resets to the verdicts.
+
+Trials run side by side and the policy looks for all of them at once. Each has its own row of the network's
+batch, the batch always has the same number of rows, and what stands in the other rows does not enter a row's
+sums: a trial is the same to the bit alone and in company.
+"""
 
 from __future__ import annotations
 
@@ -7,13 +12,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from geoprior.errors import NumericalError
 from geoprior.sim.ensembling import OpenLoop, TemporalEnsemble
 from geoprior.sim.environment import UnstablePhysicsError
 from geoprior.sim.judge import BAD_ACTION, TIME_OUT, UNSTABLE, Judge
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from numpy.typing import NDArray
 
@@ -37,59 +41,105 @@ class Outcome:
     steps: int
 
 
-def run_trial(
-    env: Environment,
-    predictor: Predictor,
-    config: EvaluateConfig,
-    state_seed: int,
-    on_step: Callable[[], None] | None = None,
-) -> Outcome:
-    """Roll a policy out.
+class Trial:
+    """A trial that is under way.
 
     Frames are drawn only when the policy looks: at every step with temporal ensembling, else once a chunk.
 
     Args:
-        env: At the predictor's rate.
-        predictor: The policy.
+        env: At the policy's rate; nobody else uses it meanwhile. It is reset here.
         config: Ensembling and time limit.
         state_seed: The initial state.
         on_step: Called after the reset and after every step, for films.
+
+    Attributes:
+        outcome: None until the trial is over.
     """
-    env.reset(state_seed)
-    judge, controls = Judge(env), _strategy(config)
-    limit = config.time_limit if config.time_limit is not None else env.task.seconds
-    watch = on_step if on_step is not None else _look_away
-    watch()
-    for step in range(round(limit * env.control_rate)):
-        try:
-            if controls.wants_chunk(step):
-                controls.add(step, _predict(env, predictor))
-            command = controls.command(step)
-        except NumericalError:
-            return Outcome(success=False, reason=BAD_ACTION, steps=step)
+
+    def __init__(
+        self,
+        env: Environment,
+        config: EvaluateConfig,
+        state_seed: int,
+        on_step: Callable[[], None] | None = None,
+    ) -> None:
+        env.reset(state_seed)
+        self.outcome: Outcome | None = None
+        self._env, self._judge, self._controls = env, Judge(env), _strategy(config)
+        limit = config.time_limit if config.time_limit is not None else env.task.seconds
+        self._limit = round(limit * env.control_rate)
+        self._watch = on_step if on_step is not None else _look_away
+        self._step = 0
+        self._watch()
+
+    @property
+    def wants_chunk(self) -> bool:
+        """Whether the policy has to look before the next step."""
+        return self._controls.wants_chunk(self._step)
+
+    def observe(self) -> tuple[NDArray[np.float32], Mapping[str, NDArray[np.uint8]]]:
+        """Pose (8,) and frames (H, W, 3) now."""
+        observation = self._env.observe()
+        return observation.pose, observation.images
+
+    def take(self, chunk: NDArray[np.float32]) -> None:
+        """Take the commands (K, 8) that were predicted from what was just observed."""
+        self._controls.add(self._step, chunk)
+
+    def advance(self) -> None:
+        """Carry the next command out and judge."""
+        command = self._controls.command(self._step)
         if not _usable(command):
-            return Outcome(success=False, reason=BAD_ACTION, steps=step)
+            self._end(BAD_ACTION)
+            return
+        self._step += 1
         try:
-            env.step(command)
+            self._env.step(command)
         except UnstablePhysicsError:
-            return Outcome(success=False, reason=UNSTABLE, steps=step + 1)
-        watch()
-        verdict = judge.look()
+            self._end(UNSTABLE)
+            return
+        self._watch()
+        verdict = self._judge.look()
         if verdict is not None:
-            return Outcome(success=not verdict, reason=verdict, steps=step + 1)
-    return Outcome(success=False, reason=TIME_OUT, steps=round(limit * env.control_rate))
+            self._end(verdict)
+        elif self._step >= self._limit:
+            self._end(TIME_OUT)
+
+    def _end(self, reason: str) -> None:
+        self.outcome = Outcome(success=not reason, reason=reason, steps=self._step)
+
+
+def run_trials(trials: Mapping[int, Trial], predictor: Predictor, rows: int) -> None:
+    """Run trials to their ends.
+
+    Args:
+        trials: Each by its row of the batch, 0 to ``rows`` - 1.
+        predictor: The policy.
+        rows: Rows of every batch; those without a trial are filled up.
+    """
+    while running := {row: trial for row, trial in trials.items() if trial.outcome is None}:
+        looking = {row: trial for row, trial in running.items() if trial.wants_chunk}
+        if looking:
+            chunks = _predict(looking, predictor, rows)
+            for row, trial in looking.items():
+                trial.take(chunks[row])
+        for trial in running.values():
+            trial.advance()
+
+
+def _predict(looking: Mapping[int, Trial], predictor: Predictor, rows: int) -> NDArray[np.float32]:
+    """(rows, K, 8) commands; only the rows that look mean anything."""
+    seen = {row: trial.observe() for row, trial in looking.items()}
+    filler = next(iter(seen.values()))
+    of_row = [seen.get(row, filler) for row in range(rows)]
+    images = {name: np.stack([frames[name] for _, frames in of_row]) for name in predictor.features.cameras}
+    return np.asarray(predictor.predict(np.stack([pose for pose, _ in of_row]), images))
 
 
 def _strategy(config: EvaluateConfig) -> TemporalEnsemble | OpenLoop:
     if config.ensembling is None:
         return OpenLoop(config.execute)
     return TemporalEnsemble(config.ensembling)
-
-
-def _predict(env: Environment, predictor: Predictor) -> NDArray[np.float32]:
-    observation = env.observe()
-    images = {name: observation.images[name][None] for name in predictor.features.cameras}
-    return np.asarray(predictor.predict(observation.pose[None], images)[0])
 
 
 def _usable(command: NDArray[np.float32]) -> bool:

@@ -36,7 +36,8 @@ class Views:
     """Renders named cameras of one model.
 
     Make it in the process that uses it, never before workers are started. Without multisampling, shadows,
-    reflections and sky: a frame then costs a software renderer a tenth of the default's time.
+    reflections and sky: a frame then costs a software renderer a tenth of the default's time. Meshes and
+    textures are uploaded once, so that any model that shares them can be drawn.
 
     Args:
         model: Compiled; its offscreen size and quality are changed.
@@ -49,7 +50,6 @@ class Views:
     """
 
     def __init__(self, model: mujoco.MjModel, cameras: Sequence[str], height: int, width: int) -> None:
-        self._model = model
         self._names = tuple(cameras)
         model.vis.quality.offsamples = 0
         model.vis.quality.shadowsize = 0
@@ -70,16 +70,18 @@ class Views:
         self._cameras = [_fixed_camera(model, name) for name in self._names]
         self._boxes = Boxes(model, VISUAL_GROUP)
 
-    def draw(self, data: mujoco.MjData) -> dict[str, NDArray[np.uint8]]:
+    def draw(self, model: mujoco.MjModel, data: mujoco.MjData) -> dict[str, NDArray[np.uint8]]:
         """Frames (H, W, 3) RGB of every camera, top row first.
 
         Args:
+            model: The one of the constructor, or one that differs in appearance alone.
             data: With positions of geometries, cameras and lights up to date.
         """
         self._context.make_current()
-        corners = self._boxes.corners(data)
+        boxes = self._boxes.of(model)
+        corners = boxes.corners(data)
         return {
-            name: self._draw_camera(data, camera, corners)
+            name: self._draw_camera(boxes, data, camera, corners)
             for name, camera in zip(self._names, self._cameras, strict=True)
         }
 
@@ -92,13 +94,13 @@ class Views:
             self._context.free()
 
     def _draw_camera(
-        self, data: mujoco.MjData, camera: mujoco.MjvCamera, corners: NDArray[np.float64]
+        self, boxes: Boxes, data: mujoco.MjData, camera: mujoco.MjvCamera, corners: NDArray[np.float64]
     ) -> NDArray[np.uint8]:
         aspect = self._rectangle.width / self._rectangle.height
-        with self._boxes.hidden(self._boxes.outside(data, corners, camera.fixedcamid, aspect)):
+        with boxes.hidden(boxes.outside(data, corners, camera.fixedcamid, aspect)):
             # The head light sits on the first camera in every camera's picture.
             mujoco.mjv_updateScene(
-                self._model,
+                boxes.model,
                 data,
                 self._option,
                 None,
@@ -106,12 +108,42 @@ class Views:
                 mujoco.mjtCatBit.mjCAT_ALL,
                 self._scene,
             )
-        mujoco.mjv_updateCamera(self._model, data, camera, self._scene)
+        mujoco.mjv_updateCamera(boxes.model, data, camera, self._scene)
         mujoco.mjr_render(self._rectangle, self._scene, self._renderer)
         frame = np.empty((self._rectangle.height, self._rectangle.width, 3), dtype=np.uint8)
         mujoco.mjr_readPixels(frame, None, self._rectangle, self._renderer)
         # OpenGL's first row is the lowest one.
         return np.ascontiguousarray(frame[::-1])
+
+
+class Eyes:
+    """The views of environments whose models differ in appearance alone, made when first needed.
+
+    Args:
+        cameras: Names of cameras in the models.
+    """
+
+    def __init__(self, cameras: Sequence[str]) -> None:
+        self._cameras = tuple(cameras)
+        self._views: dict[tuple[int, int], Views] = {}
+
+    def draw(
+        self, model: mujoco.MjModel, data: mujoco.MjData, height: int, width: int
+    ) -> dict[str, NDArray[np.uint8]]:
+        """See `Views.draw`.
+
+        Raises:
+            MachineError: No rendering context can be made.
+        """
+        size = (height, width)
+        if size not in self._views:
+            self._views[size] = Views(model, self._cameras, height, width)
+        return self._views[size].draw(model, data)
+
+    def close(self) -> None:
+        """Free the rendering contexts; the next picture makes new ones."""
+        while self._views:
+            self._views.popitem()[1].close()
 
 
 def _fixed_camera(model: mujoco.MjModel, name: str) -> mujoco.MjvCamera:

@@ -1,7 +1,8 @@
-"""What a process builds once and keeps: environments, which take seconds to build."""
+"""What a process builds once and keeps: environments, which take a second each to build."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
@@ -12,34 +13,69 @@ from geoprior.options import Choice
 if TYPE_CHECKING:
     from geoprior.sim.environment import Environment
 
+PLAIN = Choice(name="plain")
 
-def environment(
-    robot: Choice, task: Choice, cameras: CamerasConfig, control_rate: int, controller: str = "exact"
-) -> Environment:
-    """The environment of this process for these choices; built at the first call.
+
+@dataclass(frozen=True)
+class Setup:
+    """What is simulated, by name: a unit of work carries it to whatever process does the work.
+
+    Attributes:
+        robot: Choice of the arm.
+        task: Choice of the task.
+        cameras: Lenses and size of the frames.
+        look: Choice of the look.
+    """
+
+    robot: Choice
+    task: Choice
+    cameras: CamerasConfig
+    look: Choice = field(default=PLAIN)
+
+
+def environment(setup: Setup, control_rate: int) -> Environment:
+    """This process's environment for a setup; built at the first call.
 
     Raises:
         ConfigError: A name or an option is unknown, or the rate does not divide the physics rate.
         MachineError: No GL, or robosuite cannot be used.
     """
+    return environments(setup, control_rate, 1)[0]
+
+
+def environments(setup: Setup, control_rate: int, count: int) -> list[Environment]:
+    """So many environments for a setup, which share their rendering contexts.
+
+    Raises:
+        GeopriorError: As `environment`.
+    """
     found = plugins()
-    return _environment(
-        found.resolve("robot", robot).model_dump_json(),
-        found.resolve("task", task).model_dump_json(),
-        cameras.model_dump_json(),
+    made = _kept(
+        found.resolve("robot", setup.robot).model_dump_json(),
+        found.resolve("task", setup.task).model_dump_json(),
+        found.resolve("look", setup.look).model_dump_json(),
+        setup.cameras.model_dump_json(),
         control_rate,
-        controller,
     )
+    while len(made) < count:
+        made.append(_build(setup, control_rate, made))
+    return made[:count]
 
 
 @lru_cache(maxsize=2)
-def _environment(robot: str, task: str, cameras: str, control_rate: int, controller: str) -> Environment:
-    from geoprior.sim.environment import Environment
+def _kept(robot: str, task: str, look: str, cameras: str, control_rate: int) -> list[Environment]:  # noqa: ARG001
+    """The environments of one setup, to be filled."""
+    return []
 
+
+def _build(setup: Setup, control_rate: int, siblings: list[Environment]) -> Environment:
+    from geoprior.sim.environment import Environment
+    from geoprior.sim.setting import Setting
+
+    found = plugins()
     return Environment(
-        plugins().build("robot", Choice.model_validate_json(robot)),
-        plugins().build("task", Choice.model_validate_json(task)),
-        CamerasConfig.model_validate_json(cameras),
-        control_rate,
-        controller,
+        found.build("robot", setup.robot),
+        found.build("task", setup.task),
+        Setting(setup.cameras, control_rate, found.build("look", setup.look)),
+        siblings[0].eyes if siblings else None,
     )

@@ -27,22 +27,22 @@ def ur5e() -> Choice:
 @pytest.fixture(scope="session")
 def env(ur5e, pick, cameras):
     """The UR5e at its table, built once; every test resets it."""
-    from geoprior.sim.workers import environment
+    from geoprior.sim.workers import Setup, environment
 
-    return environment(ur5e, pick, cameras, 10)
+    return environment(Setup(ur5e, pick, cameras), 10)
 
 
 @pytest.fixture(scope="session")
 def place_env(ur5e, cameras):
     """The UR5e with a cube and an enclosure."""
-    from geoprior.sim.workers import environment
+    from geoprior.sim.workers import Setup, environment
 
-    return environment(ur5e, Choice(name="place"), cameras, 10)
+    return environment(Setup(ur5e, Choice(name="place"), cameras), 10)
 
 
 @pytest.fixture(scope="session")
 def push_env(ur5e, cameras):
     """The UR5e with a cube and a coloured area."""
-    from geoprior.sim.workers import environment
+    from geoprior.sim.workers import Setup, environment
 
-    return environment(ur5e, Choice(name="push"), cameras, 10)
+    return environment(Setup(ur5e, Choice(name="push"), cameras), 10)

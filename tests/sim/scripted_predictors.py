@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
 
-from geoprior.errors import NumericalError
 from geoprior.geometry.camera import CamerasConfig
 from geoprior.options import Choice
 from geoprior.policies.policy import Features
+from geoprior.sim.config import EvaluateConfig
 from geoprior.sim.environment import Environment
-from geoprior.sim.workers import environment
+from geoprior.sim.trial import Outcome, Trial, run_trials
+from geoprior.sim.workers import Setup, environment
 
 SIZE = 64
 ROBOT, TASK = Choice(name="ur5e"), Choice(name="pick")
@@ -29,7 +30,7 @@ class HoldStill:
 
     def predict(self, pose: np.ndarray, images: Mapping[str, np.ndarray]) -> np.ndarray:
         assert sorted(images) == ["hand", "third"]
-        assert all(frames.shape == (1, SIZE, SIZE, 3) for frames in images.values())
+        assert all(frames.shape == (len(pose), SIZE, SIZE, 3) for frames in images.values())
         return np.repeat(pose[:, None], 4, axis=1)
 
 
@@ -44,11 +45,11 @@ class NotFinite(HoldStill):
         return chunk * np.float32("nan") if self.looks > 2 else chunk
 
 
-class RefusesToSay(HoldStill):
-    """Raises, as a loaded checkpoint does when its network's output is not finite."""
+class SaysNothing(HoldStill):
+    """Not a number from the first look on."""
 
     def predict(self, pose: np.ndarray, images: Mapping[str, np.ndarray]) -> np.ndarray:
-        raise NumericalError("not finite")
+        return super().predict(pose, images) * np.float32("nan")
 
 
 class Expert(HoldStill):
@@ -74,6 +75,20 @@ def load(path: Path):
         path.touch()
         os.kill(os.getpid(), signal.SIGKILL)
     if path.stem == "expert":
-        return Expert(environment(ROBOT, TASK, CAMERAS, 10))
-    kinds = {"still": HoldStill, "nan": NotFinite, "silent": RefusesToSay}
+        return Expert(environment(Setup(ROBOT, TASK, CAMERAS), 10))
+    kinds = {"still": HoldStill, "nan": NotFinite, "silent": SaysNothing}
     return kinds.get(path.stem, HoldStill)()
+
+
+def run_trial(
+    env: Environment,
+    predictor: HoldStill,
+    config: EvaluateConfig,
+    state: int,
+    on_step: Callable[[], None] | None = None,
+) -> Outcome:
+    """One trial alone."""
+    trial = Trial(env, config, state, on_step)
+    run_trials({0: trial}, predictor, rows=1)
+    assert trial.outcome is not None
+    return trial.outcome

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
@@ -15,14 +16,15 @@ from scipy.spatial.transform import Rotation
 
 from geoprior.errors import ConfigError
 from geoprior.geometry.se3 import continuous_quaternions
+from geoprior.hooks.manager import plugins
 from geoprior.options import Choice
 from geoprior.sim._osc_kernel import _solve
-from geoprior.sim.control import LAWS, PoseControl
+from geoprior.sim.control import LAWS
 from geoprior.sim.demos import AttemptTask, record_expert
 from geoprior.sim.environment import Environment, UnstablePhysicsError
 from geoprior.sim.osc_fast import _require_hinges
 from geoprior.sim.robosuite_arm import RobosuiteArm
-from geoprior.sim.workers import environment
+from geoprior.sim.workers import Setup, environment
 
 ARMS = ("ur5e", "xarm7", "kinova3")
 STATE = ("qpos", "qvel", "qacc_warmstart", "ctrl", "time")
@@ -78,7 +80,8 @@ def _touching(env) -> list[tuple[str, str]]:
 @pytest.mark.parametrize("arm", ARMS)
 def test_joints_agree_with_the_exact_controller(arm, pick, cameras, monkeypatch):
     """Over 50 commands free of contact; 1e-6 rad is wanted, and rounding is far below it."""
-    env = environment(Choice(name=arm), pick, cameras, 10)
+    env = environment(Setup(Choice(name=arm), pick, cameras), 10)
+    monkeypatch.setattr(env, "controller", "exact")
     env.reset(3)
     commands = _waving(env.pose(), 50)
     exact = _states(env, commands)
@@ -100,21 +103,21 @@ def test_an_episode_is_the_same_to_the_bit_after_others_and_in_a_fresh_environme
         fast.step(command)
     fast.reset(7)
     np.testing.assert_array_equal(_states(fast, commands), first)
-    fresh = Environment(fast.robot, fast.task, fast.cameras, fast.control_rate, controller="fast")
+    fresh = Environment(fast.robot, fast.task, fast.setting)
     fresh.reset(7)
     np.testing.assert_array_equal(_states(fresh, commands), first)
     fresh.close()
 
 
 def _outcome(env, number: int) -> tuple[str, int]:
-    task = AttemptTask(
-        number, number, Choice(name=env.robot.name), Choice(name="pick"), env.cameras, 10, 0, Path("unused")
-    )
+    setup = Setup(Choice(name=env.robot.name), Choice(name="pick"), env.cameras)
+    task = AttemptTask(number, number, setup, 10, 0, Path("unused"))
     _, reason, steps = record_expert(env, task)
     return reason, steps
 
 
 def test_experts_fare_the_same(env, monkeypatch):
+    monkeypatch.setattr(env, "controller", "exact")
     exact = [_outcome(env, number) for number in range(2)]
     monkeypatch.setattr(env, "controller", "fast")
     assert [_outcome(env, number) for number in range(2)] == exact
@@ -123,7 +126,8 @@ def test_experts_fare_the_same(env, monkeypatch):
 @pytest.mark.slow
 @pytest.mark.parametrize("arm", ARMS)
 def test_experts_fare_the_same_on_20_states(arm, pick, cameras, monkeypatch):
-    env = environment(Choice(name=arm), pick, cameras, 10)
+    env = environment(Setup(Choice(name=arm), pick, cameras), 10)
+    monkeypatch.setattr(env, "controller", "exact")
     exact = [_outcome(env, number) for number in range(20)]
     monkeypatch.setattr(env, "controller", "fast")
     assert [_outcome(env, number) for number in range(20)] == exact
@@ -136,9 +140,9 @@ def test_an_episode_is_the_same_to_the_bit_in_another_process(fast, run_python):
         "from itertools import islice\n"
         "from geoprior.geometry.camera import CamerasConfig\n"
         "from geoprior.options import Choice\n"
-        "from geoprior.sim.workers import environment\n"
+        "from geoprior.sim.workers import Setup, environment\n"
         "cameras = CamerasConfig(height=64, width=64)\n"
-        "env = environment(Choice(name='ur5e'), Choice(name='pick'), cameras, 10, 'fast')\n"
+        "env = environment(Setup(Choice(name='ur5e'), Choice(name='pick'), cameras), 10)\n"
         "env.reset(5)\n"
         "for command in islice(env.expert(seed=0), 40): env.step(command)\n"
         "print(hashlib.sha256(env.world.sim.data.qpos.tobytes()).hexdigest())\n"
@@ -254,10 +258,11 @@ def test_a_hand_that_other_joints_move_is_refused():
 
 def test_an_unknown_controller_shows_the_choices(env):
     with pytest.raises(ConfigError, match="'quick'") as caught:
-        Environment(env.robot, env.task, env.cameras, env.control_rate, controller="quick")
+        Environment(replace(env.robot, controller="quick"), env.task, env.setting)
     assert "exact or fast" in caught.value.hint
 
 
-def test_the_default_is_exact(env):
-    assert env.controller == "exact"
-    assert isinstance(PoseControl(env.world)._law, LAWS["exact"])
+@pytest.mark.parametrize("name", LAWS)
+def test_the_robots_option_decides(name):
+    arm = plugins().build("robot", Choice(name="ur5e", options={"controller": name}))
+    assert arm.controller == name

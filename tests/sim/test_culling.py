@@ -8,12 +8,12 @@ from scipy.spatial.transform import Rotation
 from geoprior.options import Choice
 from geoprior.sim.culling import Boxes
 from geoprior.sim.views import VISUAL_GROUP, Views
-from geoprior.sim.workers import environment
+from geoprior.sim.workers import Setup, environment
 
 
-def _frames_of_all(views: Views, data: mujoco.MjData) -> dict[str, np.ndarray]:
+def _frames_of_all(views: Views, model: mujoco.MjModel, data: mujoco.MjData) -> dict[str, np.ndarray]:
     """The frames of one scene that holds every geometry."""
-    model, scene, rectangle = views._model, views._scene, views._rectangle
+    scene, rectangle = views._scene, views._rectangle
     mujoco.mjv_updateScene(
         model, data, views._option, None, views._cameras[0], mujoco.mjtCatBit.mjCAT_ALL, scene
     )
@@ -40,7 +40,7 @@ def _count_drawn(monkeypatch) -> list[int]:
 
 @pytest.mark.parametrize("arm", ["ur5e", "xarm7", pytest.param("kinova3", marks=pytest.mark.slow)])
 def test_pictures_of_an_episode_are_the_same_to_the_pixel(arm, pick, cameras, monkeypatch):
-    env = environment(Choice(name=arm), pick, cameras, 10)
+    env = environment(Setup(Choice(name=arm), pick, cameras), 10)
     env.reset(3)
     counts = _count_drawn(monkeypatch)
     before = env.world.sim.model.geom_group.copy()
@@ -48,7 +48,8 @@ def test_pictures_of_an_episode_are_the_same_to_the_pixel(arm, pick, cameras, mo
         env.step(command)
         if step % 3:
             continue
-        frames, whole = env.render(), _frames_of_all(env._views, env._data)
+        frames = env.render()
+        whole = _frames_of_all(env.eyes._views[64, 64], env._model, env._data)
         for name in whole:
             np.testing.assert_array_equal(frames[name], whole[name])
         hand, third, everything = counts
@@ -103,7 +104,7 @@ def test_pictures_among_shapes_are_the_same_from_anywhere(height, width, monkeyp
         for camera in range(2):
             data.cam_xpos[camera] = rng.uniform(-2.0, 2.0, 3)
             data.cam_xmat[camera] = Rotation.random(random_state=rng.integers(2**31)).as_matrix().ravel()
-        frames, whole = views.draw(data), _frames_of_all(views, data)
+        frames, whole = views.draw(model, data), _frames_of_all(views, model, data)
         for name in whole:
             np.testing.assert_array_equal(frames[name], whole[name])
     views.close()

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import islice
 
 import numpy as np
@@ -44,7 +45,7 @@ def test_same_seed_and_commands_give_the_same_bits_after_other_episodes(env):
 
 def test_fresh_environment_agrees_with_a_used_one(env):
     states, frames = _run(env, 7, 6)
-    fresh = Environment(env.robot, env.task, env.cameras, env.control_rate)
+    fresh = Environment(env.robot, env.task, env.setting)
     again, frames_again = _run(fresh, 7, 6)
     fresh.close()
     np.testing.assert_array_equal(again, states)
@@ -124,7 +125,7 @@ def test_quaternion_of_the_command_may_have_either_sign(env):
 
 def test_control_rate_must_divide_the_physics(env):
     with pytest.raises(ConfigError, match="control_rate 30"):
-        Environment(env.robot, env.task, env.cameras, 30)
+        Environment(env.robot, env.task, replace(env.setting, control_rate=30))
 
 
 def test_a_goal_met_at_the_start_is_refused(env, monkeypatch):

@@ -14,11 +14,13 @@ from geoprior.sim.demos import AttemptTask, record_expert
 from geoprior.sim.environment import Environment
 from geoprior.sim.experts.path import Waypoint, follow, hand_down
 from geoprior.sim.judge import Judge
-from geoprior.sim.workers import environment
+from geoprior.sim.workers import Setup, environment
 
 
 def _attempt(robot: str, task: str, number: int, cameras: CamerasConfig) -> AttemptTask:
-    return AttemptTask(number, number, Choice(name=robot), Choice(name=task), cameras, 10, 0, Path("unused"))
+    return AttemptTask(
+        number, number, Setup(Choice(name=robot), Choice(name=task), cameras), 10, 0, Path("unused")
+    )
 
 
 def test_path_is_smooth_and_ends_at_its_waypoints():
@@ -44,7 +46,7 @@ def test_path_is_smooth_and_ends_at_its_waypoints():
     ("task", "mean_steps"), [("pick", (30, 65)), ("place", (65, 95)), ("push", (45, 80))]
 )
 def test_demonstrations_succeed_vary_and_obey_the_contract(task, mean_steps, cameras):
-    env = environment(Choice(name="ur5e"), Choice(name=task), cameras, 10)
+    env = environment(Setup(Choice(name="ur5e"), Choice(name=task), cameras), 10)
     lengths, heights = [], []
     for number in range(3):
         episode, reason, steps = record_expert(env, _attempt("ur5e", task, number, cameras))
@@ -76,7 +78,7 @@ def _outcome(env: Environment) -> str | None:
 @pytest.mark.parametrize("task", plugins().names("task"))
 @pytest.mark.parametrize("robot", ["ur5e", "xarm7", "kinova3"])
 def test_expert_succeeds_on_95_of_100_states(robot, task, cameras):
-    env = environment(Choice(name=robot), Choice(name=task), cameras, 10)
+    env = environment(Setup(Choice(name=robot), Choice(name=task), cameras), 10)
     outcomes = []
     for seed in range(100):
         env.reset(seed)

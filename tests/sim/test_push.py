@@ -4,10 +4,9 @@ import mujoco
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from scripted_predictors import HoldStill
+from scripted_predictors import HoldStill, run_trial
 
 from geoprior.sim.config import EvaluateConfig
-from geoprior.sim.trial import run_trial
 
 GOAL = np.array([0.03, -0.08])
 

@@ -8,7 +8,7 @@ import pytest
 
 from geoprior.geometry.se3 import apply, invert, transforms_of_poses
 from geoprior.options import Choice
-from geoprior.sim.workers import environment
+from geoprior.sim.workers import Setup, environment
 
 ARMS = ("ur5e", "xarm7", "kinova3")
 PADS = {
@@ -20,7 +20,7 @@ PADS = {
 
 @pytest.fixture(scope="module")
 def arms(env, pick, cameras):
-    others = {name: environment(Choice(name=name), pick, cameras, 10) for name in ARMS[1:]}
+    others = {name: environment(Setup(Choice(name=name), pick, cameras), 10) for name in ARMS[1:]}
     return {"ur5e": env, **others}
 
 

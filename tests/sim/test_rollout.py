@@ -14,7 +14,7 @@ from geoprior.sim.config import EvaluateConfig
 from geoprior.sim.records import read_records
 from geoprior.sim.rollout import CheckpointRef, evaluate, find_checkpoints
 
-CONFIG = EvaluateConfig(trials=2, first_state=500, time_limit=0.4, films=1, film_size=64)
+CONFIG = EvaluateConfig(trials=2, first_state=500, time_limit=0.4, films=1, film_size=64, batch=1)
 
 
 def _refs(folder: Path, *stems: str) -> list[CheckpointRef]:
@@ -135,3 +135,29 @@ def test_checkpoints_are_found_by_condition_and_seed(tmp_path):
     assert found == [("prior", 0, 64), ("same-environment", 2, 64), ("scratch", 1, 64)]
     shutil.rmtree(tmp_path / "prior-s0")
     assert len(find_checkpoints(tmp_path)) == 2
+
+
+@pytest.mark.parametrize("batch", [2, 5])
+def test_batches_workers_and_interruptions_do_not_show_in_the_records(env, tmp_path, batch):
+    refs = _refs(tmp_path, "still", "silent")
+    config = CONFIG.model_copy(update={"trials": 5, "batch": batch})
+    _evaluate(tmp_path / "whole", refs, config=config)
+    whole = (tmp_path / "whole" / "rollouts.jsonl").read_bytes()
+    out = tmp_path / "cut"
+    with pytest.raises(KeyboardInterrupt):
+        _evaluate(out, refs, StopsAfter(1), config=config)
+    kept = (out / "rollouts.jsonl").read_bytes().splitlines(keepends=True)
+    (out / "rollouts.jsonl").write_bytes(b"".join(kept[::2]))
+    _evaluate(out, refs, LocalExecutor(LocalConfig(workers=2)), config=config)
+    assert (out / "rollouts.jsonl").read_bytes() == whole
+    assert {record.reason for record in read_records(out / "rollouts.jsonl")} == {"time-out", "NaN action"}
+
+
+def test_trials_of_one_group_have_rows_of_their_own():
+    ref = CheckpointRef("scratch", 0, 1, Path("unused"))
+    other = CheckpointRef("prior", 0, 1, Path("unused"))
+    missing = [(which, state) for which in (ref, other) for state in (5, 6, 7, 8, 12)]
+    groups = list(rollout._grouped(missing, 4))
+    assert groups == [(which, states) for which in (ref, other) for states in ((5, 6, 7), (8,), (12,))]
+    for _, states in groups:
+        assert len({state % 4 for state in states}) == len(states)

@@ -23,5 +23,5 @@ def geoprior_robots() -> Iterable[RobotSpec]:
         name=KINOVA3.name,
         summary="Kinova Gen3, seven joints, Robotiq 85 gripper",
         config=RobotConfig,
-        factory=lambda _: KINOVA3,
+        factory=KINOVA3.driven,
     )

@@ -22,5 +22,5 @@ def geoprior_robots() -> Iterable[RobotSpec]:
         name=UR5E.name,
         summary="Universal Robots UR5e, six joints, Robotiq 85 gripper",
         config=RobotConfig,
-        factory=lambda _: UR5E,
+        factory=UR5E.driven,
     )

@@ -27,5 +27,5 @@ def geoprior_robots() -> Iterable[RobotSpec]:
         name=XARM7.name,
         summary="UFactory xArm7, seven joints, its own gripper",
         config=RobotConfig,
-        factory=lambda _: XARM7,
+        factory=XARM7.driven,
     )

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from geoprior.geometry.camera import CamerasConfig
     from geoprior.sim.robots.robot import Robot
+    from geoprior.sim.setting import Setting
     from geoprior.sim.worlds.tabletop import Tabletop
 
 
@@ -37,11 +37,11 @@ class PickTask(TimedTask):
     config: PickConfig
     name: str = "pick"
 
-    def make(self, robot: Robot, cameras: CamerasConfig, control_rate: int) -> Tabletop:
+    def make(self, robot: Robot, setting: Setting) -> Tabletop:
         """Build the world with its cube."""
         from geoprior.sim.worlds.pick import PickWorld
 
-        return PickWorld(robot, cameras, control_rate, self.config)
+        return PickWorld(robot, setting, self.config)
 
     def expert(
         self, world: Tabletop, start: NDArray[np.float32], rng: np.random.Generator

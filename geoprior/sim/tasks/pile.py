@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from geoprior.geometry.camera import CamerasConfig
     from geoprior.sim.robots.robot import Robot
+    from geoprior.sim.setting import Setting
     from geoprior.sim.worlds.tabletop import Tabletop
 
 
@@ -49,11 +49,11 @@ class PileTask(TimedTask):
     config: PileConfig
     name: str = "pile"
 
-    def make(self, robot: Robot, cameras: CamerasConfig, control_rate: int) -> Tabletop:
+    def make(self, robot: Robot, setting: Setting) -> Tabletop:
         """Build the world with its bottle and can."""
         from geoprior.sim.worlds.pile import PileWorld
 
-        return PileWorld(robot, cameras, control_rate, self.config)
+        return PileWorld(robot, setting, self.config)
 
     def expert(
         self, world: Tabletop, start: NDArray[np.float32], rng: np.random.Generator

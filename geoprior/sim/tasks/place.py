@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from geoprior.geometry.camera import CamerasConfig
     from geoprior.sim.robots.robot import Robot
+    from geoprior.sim.setting import Setting
     from geoprior.sim.worlds.tabletop import Tabletop
 
 
@@ -37,11 +37,11 @@ class PlaceTask(TimedTask):
     config: PlaceConfig
     name: str = "place"
 
-    def make(self, robot: Robot, cameras: CamerasConfig, control_rate: int) -> Tabletop:
+    def make(self, robot: Robot, setting: Setting) -> Tabletop:
         """Build the world with its cube and enclosure."""
         from geoprior.sim.worlds.place import PlaceWorld
 
-        return PlaceWorld(robot, cameras, control_rate, self.config)
+        return PlaceWorld(robot, setting, self.config)
 
     def expert(
         self, world: Tabletop, start: NDArray[np.float32], rng: np.random.Generator

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from geoprior.geometry.camera import CamerasConfig
     from geoprior.sim.robots.robot import Robot
+    from geoprior.sim.setting import Setting
     from geoprior.sim.worlds.tabletop import Tabletop
 
 
@@ -42,11 +42,11 @@ class PushTask(TimedTask):
     config: PushConfig
     name: str = "push"
 
-    def make(self, robot: Robot, cameras: CamerasConfig, control_rate: int) -> Tabletop:
+    def make(self, robot: Robot, setting: Setting) -> Tabletop:
         """Build the world with its cube and area."""
         from geoprior.sim.worlds.push import PushWorld
 
-        return PushWorld(robot, cameras, control_rate, self.config)
+        return PushWorld(robot, setting, self.config)
 
     def expert(
         self, world: Tabletop, start: NDArray[np.float32], rng: np.random.Generator

@@ -9,8 +9,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from geoprior.geometry.camera import CamerasConfig
     from geoprior.sim.robots.robot import Robot
+    from geoprior.sim.setting import Setting
     from geoprior.sim.worlds.tabletop import Tabletop
 
 
@@ -32,13 +32,12 @@ class Task(Protocol):
         """Seconds for which success must hold without a break before a trial counts."""
         ...
 
-    def make(self, robot: Robot, cameras: CamerasConfig, control_rate: int) -> Tabletop:
+    def make(self, robot: Robot, setting: Setting) -> Tabletop:
         """Build the world: a robosuite environment that places its objects and judges itself.
 
         Args:
             robot: The arm.
-            cameras: Fields of view of the two cameras.
-            control_rate: Commands a second; divides 500.
+            setting: How it is seen and paced.
         """
         ...
 

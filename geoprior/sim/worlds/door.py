@@ -13,9 +13,9 @@ from geoprior.sim.worlds.small_door import POST_OFFSET, SmallDoor
 from geoprior.sim.worlds.tabletop import START_POSITION, TABLE_TOP, Tabletop
 
 if TYPE_CHECKING:
-    from geoprior.geometry.camera import CamerasConfig
     from geoprior.geometry.se3 import FloatArray
     from geoprior.sim.robots.robot import Robot
+    from geoprior.sim.setting import Setting
     from geoprior.sim.tasks.door import DoorConfig
 
 MIDDLE = np.array([-0.155, -0.185])
@@ -36,14 +36,13 @@ class DoorWorld(Tabletop):
 
     Args:
         robot: The arm.
-        cameras: Fields of view.
-        control_rate: Commands a second.
+        setting: How it is seen and paced.
         config: Where the door may stand, and how far it must open.
     """
 
-    def __init__(self, robot: Robot, cameras: CamerasConfig, control_rate: int, config: DoorConfig) -> None:
+    def __init__(self, robot: Robot, setting: Setting, config: DoorConfig) -> None:
         self.config = config
-        super().__init__(robot, cameras, control_rate)
+        super().__init__(robot, setting)
 
     def make_objects(self) -> Sequence[Any]:
         """The door."""

@@ -12,9 +12,9 @@ from geoprior.sim.worlds.cube import CubeWorld, turn_about_z
 from geoprior.sim.worlds.tabletop import TABLE_TOP
 
 if TYPE_CHECKING:
-    from geoprior.geometry.camera import CamerasConfig
     from geoprior.geometry.se3 import FloatArray
     from geoprior.sim.robots.robot import Robot
+    from geoprior.sim.setting import Setting
     from geoprior.sim.tasks._timed import GoalOptions
 
 MIDDLE = np.array([-0.05, 0.0])
@@ -30,14 +30,13 @@ class GoalWorld(CubeWorld):
 
     Args:
         robot: The arm.
-        cameras: Fields of view.
-        control_rate: Commands a second.
+        setting: How it is seen and paced.
         config: Where cube and goal may lie.
     """
 
-    def __init__(self, robot: Robot, cameras: CamerasConfig, control_rate: int, config: GoalOptions) -> None:
+    def __init__(self, robot: Robot, setting: Setting, config: GoalOptions) -> None:
         self.config = config
-        super().__init__(robot, cameras, control_rate)
+        super().__init__(robot, setting)
 
     def make_goal(self) -> Any:
         """The robosuite object, without joints; its origin comes to lie on the table."""

@@ -9,8 +9,8 @@ import numpy as np
 from geoprior.sim.worlds.cube import CUBE_HALF_SIZE, CubeWorld
 
 if TYPE_CHECKING:
-    from geoprior.geometry.camera import CamerasConfig
     from geoprior.sim.robots.robot import Robot
+    from geoprior.sim.setting import Setting
     from geoprior.sim.tasks.pick import PickConfig
 
 
@@ -19,14 +19,13 @@ class PickWorld(CubeWorld):
 
     Args:
         robot: The arm.
-        cameras: Fields of view.
-        control_rate: Commands a second.
+        setting: How it is seen and paced.
         config: The cube's range and how high to lift it.
     """
 
-    def __init__(self, robot: Robot, cameras: CamerasConfig, control_rate: int, config: PickConfig) -> None:
+    def __init__(self, robot: Robot, setting: Setting, config: PickConfig) -> None:
         self.config = config
-        super().__init__(robot, cameras, control_rate)
+        super().__init__(robot, setting)
 
     def place_objects(self, rng: np.random.Generator) -> None:
         """Anywhere in the configured rectangle, with any yaw."""

@@ -11,9 +11,9 @@ from geoprior.sim.worlds.tabletop import TABLE_TOP, Tabletop
 from geoprior.sim.worlds.vessels import CAN_HEIGHT, CAN_RADIUS, make_bottle, make_can
 
 if TYPE_CHECKING:
-    from geoprior.geometry.camera import CamerasConfig
     from geoprior.geometry.se3 import FloatArray
     from geoprior.sim.robots.robot import Robot
+    from geoprior.sim.setting import Setting
     from geoprior.sim.tasks.pile import PileConfig
 
 MIDDLE = np.array([-0.04, 0.0])
@@ -32,14 +32,13 @@ class PileWorld(Tabletop):
 
     Args:
         robot: The arm.
-        cameras: Fields of view.
-        control_rate: Commands a second.
+        setting: How it is seen and paced.
         config: Where the two may stand.
     """
 
-    def __init__(self, robot: Robot, cameras: CamerasConfig, control_rate: int, config: PileConfig) -> None:
+    def __init__(self, robot: Robot, setting: Setting, config: PileConfig) -> None:
         self.config = config
-        super().__init__(robot, cameras, control_rate)
+        super().__init__(robot, setting)
 
     def make_objects(self) -> Sequence[Any]:
         """Bottle and can."""

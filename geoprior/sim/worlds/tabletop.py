@@ -10,7 +10,6 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from geoprior.geometry.camera import CamerasConfig
 from geoprior.geometry.se3 import (
     REFERENCE_QUATERNION,
     TRANSFORM_CAMERA_TO_HAND_AXES,
@@ -30,6 +29,7 @@ from robosuite.models.tasks import ManipulationTask  # noqa: E402
 if TYPE_CHECKING:
     from geoprior.geometry.se3 import FloatArray
     from geoprior.sim.robots.robot import Robot
+    from geoprior.sim.setting import Setting
 
 TABLE_SIZE = (0.8, 0.8, 0.05)
 TABLE_TOP = np.array([0.0, 0.0, 0.8])
@@ -43,6 +43,9 @@ START_REACH = np.array([0.03, 0.03, 0.025])
 START_YAW = np.radians(10.0)
 """An episode begins with an open hand that points straight down, its position drawn evenly within +- reach
 about the start (metres, workspace frame) and its up axis within +- yaw of the workspace's +x."""
+
+_MUJOCO_CAMERA_AXES = np.diag([1.0, -1.0, -1.0])
+"""MuJoCo's cameras look along -z with +y up; ours along +z with +y down."""
 
 _HAND_DOWN = Rotation.from_quat(REFERENCE_QUATERNION)
 
@@ -66,14 +69,13 @@ class Tabletop(ManipulationEnv):  # type: ignore[misc]  # robosuite has no types
 
     Args:
         robot: The arm.
-        cameras: Fields of view of the hand and the third camera.
-        control_rate: Commands a second; divides `SIMULATION_RATE`.
+        setting: How it is seen and paced.
     """
 
-    def __init__(self, robot: Robot, cameras: CamerasConfig, control_rate: int) -> None:
+    def __init__(self, robot: Robot, setting: Setting) -> None:
         self.robot = robot
         self.state_seed = 0
-        self._cameras = cameras
+        self._cameras, self._look = setting.cameras, setting.look
         super().__init__(
             robots=robot.robosuite_name,
             controller_configs=_absolute_pose_control(),
@@ -82,7 +84,7 @@ class Tabletop(ManipulationEnv):  # type: ignore[misc]  # robosuite has no types
             use_camera_obs=False,
             has_offscreen_renderer=False,
             renderer="mujoco",
-            control_freq=control_rate,
+            control_freq=setting.control_rate,
             ignore_done=True,
             hard_reset=False,
             seed=0,
@@ -123,8 +125,12 @@ class Tabletop(ManipulationEnv):  # type: ignore[misc]  # robosuite has no types
         return make_transform(pitch @ TRANSFORM_CAMERA_TO_HAND_AXES, np.array(self.robot.camera_position))
 
     def transform_camera_to_workspace(self) -> FloatArray:
-        """(4, 4) of the third camera in the workspace frame."""
-        return look_at(THIRD_CAMERA_POSITION, THIRD_CAMERA_TARGET, np.array([0.0, 0.0, 1.0]))
+        """(4, 4) of the third camera in the workspace frame, where the look has put it."""
+        model = self.sim.model._model
+        camera = model.camera(THIRD_CAMERA).id
+        w, x, y, z = model.cam_quat[camera]
+        rotation = Rotation.from_quat([x, y, z, w]).as_matrix() @ _MUJOCO_CAMERA_AXES
+        return make_transform(rotation, model.cam_pos[camera] - TABLE_TOP)
 
     # Objects ----------------------------------------------------------------------------------------
 
@@ -163,6 +169,7 @@ class Tabletop(ManipulationEnv):  # type: ignore[misc]  # robosuite has no types
         self._add_cameras(arena)
         self.objects = list(self.make_objects())
         self.model = ManipulationTask(mujoco_arena=arena, mujoco_robots=[model], mujoco_objects=self.objects)
+        self._look.furnish(self.model.root)
 
     def _initialize_sim(self, xml_string: str | None = None) -> None:
         super()._initialize_sim(xml_string)
@@ -199,7 +206,7 @@ class Tabletop(ManipulationEnv):  # type: ignore[misc]  # robosuite has no types
         )
 
     def _add_cameras(self, arena: TableArena) -> None:
-        third = self.transform_camera_to_workspace()
+        third = look_at(THIRD_CAMERA_POSITION, THIRD_CAMERA_TARGET, np.array([0.0, 0.0, 1.0]))
         third[:3, 3] += TABLE_TOP
         arena.worldbody.append(_camera(THIRD_CAMERA, third, self._cameras.third.vertical_fov))
         gripper = self.robots[0].gripper["right"]
@@ -285,8 +292,7 @@ def _site(body: ET.Element, name: str) -> ET.Element | None:
 
 
 def _camera(name: str, transform_camera_to_parent: FloatArray, vertical_fov: float) -> ET.Element:
-    # MuJoCo's cameras look along -z with +y up; ours along +z with +y down.
-    rotation = transform_camera_to_parent[:3, :3] @ np.diag([1.0, -1.0, -1.0])
+    rotation = transform_camera_to_parent[:3, :3] @ _MUJOCO_CAMERA_AXES
     x, y, z, w = Rotation.from_matrix(rotation).as_quat()
     numbers: dict[str, FloatArray] = {
         "pos": transform_camera_to_parent[:3, 3],

@@ -1,0 +1,1 @@
+"""Built-in looks of the simulated world, one plug-in module each."""
