@@ -1,0 +1,74 @@
+"""Can: one can, standing anywhere on the middle of the table."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from geoprior.sim.worlds.pile import LYING
+from geoprior.sim.worlds.tabletop import TABLE_TOP, Tabletop
+from geoprior.sim.worlds.vessels import CAN_HEIGHT, CAN_RADIUS, make_can
+
+if TYPE_CHECKING:
+    from geoprior.geometry.se3 import FloatArray
+    from geoprior.sim.robots.robot import Robot
+    from geoprior.sim.setting import Setting
+    from geoprior.sim.tasks.can import CanConfig
+
+
+class CanWorld(Tabletop):
+    """A can to lift.
+
+    Args:
+        robot: The arm.
+        setting: How it is seen and paced.
+        config: The can's range and how high to lift it.
+    """
+
+    def __init__(self, robot: Robot, setting: Setting, config: CanConfig) -> None:
+        self.config = config
+        super().__init__(robot, setting)
+
+    def make_objects(self) -> Sequence[Any]:
+        """The can alone."""
+        self.can = make_can()
+        return [self.can]
+
+    def place_objects(self, rng: np.random.Generator) -> None:
+        """Upright, anywhere in the configured rectangle."""
+        reach = np.array([self.config.range_x, self.config.range_y])
+        self.put_can(np.array([*rng.uniform(-reach, reach), 0.0]))
+
+    def put_can(self, position: FloatArray, tilt: float = 0.0) -> None:
+        """Set the can up, at rest.
+
+        Args:
+            position: (3,) of the middle of its foot in the workspace frame, metres.
+            tilt: Radians by which it leans about +x.
+        """
+        turn = np.array([np.cos(tilt / 2.0), np.sin(tilt / 2.0), 0.0, 0.0])
+        self.sim.data.set_joint_qpos(self.can.joints[0], np.concatenate([TABLE_TOP + position, turn]))
+        self.sim.data.set_joint_qvel(self.can.joints[0], np.zeros(6))
+
+    def can_position(self) -> FloatArray:
+        """(3,) middle of the can's foot in the workspace frame, metres."""
+        position: FloatArray = self.transform_object_to_workspace(self.can)[:3, 3]
+        return position
+
+    def can_clearance(self) -> float:
+        """Height of the can's lowest point over the table, metres: of a rim, whichever way the can leans."""
+        uprightness, foot = self.transform_object_to_workspace(self.can)[2, 2:]
+        lower_end = foot + min(0.0, CAN_HEIGHT * uprightness)
+        return float(lower_end - CAN_RADIUS * np.sqrt(max(0.0, 1.0 - uprightness**2)))
+
+    def succeeded(self) -> bool:
+        """All of the can is ``lift`` above the table."""
+        return self.can_clearance() > self.config.lift
+
+    def failure(self) -> str:
+        """The can fell off the table or over, and the hand does not hold it."""
+        below = self.can_position()[2] < -CAN_RADIUS
+        lying = self.transform_object_to_workspace(self.can)[2, 2] < LYING
+        return "dropped" if below or (lying and not self.object_in_hand(self.can)) else ""
