@@ -115,8 +115,8 @@ class Environment:
         """
         self.world.state_seed = self._state_seed = state_seed
         self._appearance.restore()
-        self.setting.look.dress(self._model, generator(state_seed, "state", "look"))
         self.world.reset()
+        self.setting.look.dress(self._model, self._data, generator(state_seed, "state", "look"))
         self._control = PoseControl(self.world, self.controller)
         self._gripper, self._quaternion = 0.0, REFERENCE_QUATERNION
         self._locate()

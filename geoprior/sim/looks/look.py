@@ -27,12 +27,14 @@ class Look(Protocol):
         """
         ...
 
-    def dress(self, model: mujoco.MjModel, rng: np.random.Generator) -> None:
+    def dress(self, model: mujoco.MjModel, data: mujoco.MjData, rng: np.random.Generator) -> None:
         """Change the appearance for one episode, after every reset.
 
         Args:
-            model: Looks as it was compiled. Colours, materials, lights, cameras and the places of the look's
-                own geometries may be written; what is written is undone before the next episode.
+            model: Looks as it was compiled. What `geoprior.sim.appearance.FIELDS` names may be written, and
+                the places of the world's geometries that collide with nothing; it is undone before the next
+                episode.
+            data: In the initial state, to be read.
             rng: Of the initial state's seed.
         """
         ...

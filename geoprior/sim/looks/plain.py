@@ -29,7 +29,7 @@ class PlainLook:
     def furnish(self, world: ET.Element) -> None:
         """Nothing is added."""
 
-    def dress(self, model: mujoco.MjModel, rng: np.random.Generator) -> None:
+    def dress(self, model: mujoco.MjModel, data: mujoco.MjData, rng: np.random.Generator) -> None:
         """Everything stays as it is."""
 
 
