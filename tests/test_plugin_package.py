@@ -1,4 +1,4 @@
-"""A third-party package, installed by pip and used by the command line."""
+"""Third-party packages, installed by pip and used by the command line."""
 
 import json
 import os
@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-PACKAGE = Path(__file__).parents[1] / "plugins" / "geoprior-torus"
+PACKAGES = Path(__file__).parents[1] / "plugins"
+PACKAGE, ARM = PACKAGES / "geoprior-torus", PACKAGES / "geoprior-panda"
 TORUS = (
     "--set", "generate.primitives=[torus]",
     "--set", "generate.episodes=2",
@@ -20,10 +21,20 @@ TORUS = (
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    """A folder with the package installed into it, as in somebody's environment."""
+    """A folder with the torus installed into it, as in somebody's environment."""
+    return _install(PACKAGE, tmp_path_factory)
+
+
+@pytest.fixture(scope="module")
+def arm_site(tmp_path_factory):
+    """The same with the arm."""
+    return _install(ARM, tmp_path_factory)
+
+
+def _install(package: Path, tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("site")
-    source = tmp_path_factory.mktemp("source") / PACKAGE.name
-    shutil.copytree(PACKAGE, source)
+    source = tmp_path_factory.mktemp("source") / package.name
+    shutil.copytree(package, source)
     install = [
         "install",
         "--quiet",
@@ -85,10 +96,29 @@ def test_the_allow_list_keeps_it_out_and_says_so(site, tmp_path):
     assert "Traceback" not in done.stderr
 
 
-def test_its_own_tests_pass(site):
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(PACKAGE / "tests")]
+def test_an_arm_of_robosuite_is_a_module_of_a_few_lines(arm_site, tmp_path):
+    """The command line demonstrates a task with an arm that the package adds."""
+    small = ("robot=panda", "task=push", "demos.episodes=1", "executor=serial")
+    options = [word for each in small for word in ("--set", each)]
+    done = geoprior(arm_site, "demos", "quickstart", "--out", tmp_path / "run", *options)
+    assert done.returncode == 0, done.stderr
+    shards = tmp_path / "run" / "shards" / "demos"
+    info = json.loads(geoprior(arm_site, "shards", "info", shards, "--json").stdout)
+    assert info["episodes"] == 1
+    run = json.loads((tmp_path / "run" / "run.json").read_text())
+    assert [plugin["package"] for plugin in run["plugins"]] == ["geoprior-panda"]
+    assert len((ARM / "geoprior_panda.py").read_text().splitlines()) < 40
+
+
+@pytest.mark.parametrize("package", [PACKAGE, pytest.param(ARM, marks=pytest.mark.slow)])
+def test_their_own_tests_pass(site, arm_site, package):
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(package / "tests")]
     done = subprocess.run(
-        command, env={**os.environ, "PYTHONPATH": str(site)}, capture_output=True, text=True, check=False
+        command,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(map(str, (site, arm_site)))},
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 0, done.stdout
 
