@@ -94,7 +94,7 @@ class Environment:
         self.controller = require_controller(robot.controller)
         self.world = task.make(robot, setting)
         self._model, self._data = self.world.sim.model._model, self.world.sim.data._data
-        lighten_meshes(self._model)
+        lighten_meshes(self._model, setting.cameras.height)
         self._appearance = Appearance(self._model)
         self.eyes = eyes if eyes is not None else Eyes([HAND_CAMERA, THIRD_CAMERA])
         self._state_seed = -1

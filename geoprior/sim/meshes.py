@@ -15,15 +15,16 @@ if TYPE_CHECKING:
     import mujoco
     from numpy.typing import NDArray
 
+ROWS = 128
 CELL = 0.006
-"""Metres: the side of the cubic cells within which vertices are merged. At 0.8 m from a camera of 50
-degrees a pixel is 8 mm wide with 96 rows, and 3 mm with 256."""
+"""Metres: the side of the cubic cells within which vertices are merged, for frames of `ROWS` rows or fewer;
+more rows, smaller cells. At 0.8 m from a camera of 50 degrees this is the width of a pixel."""
 
 CELL_OF_EXTENT = 0.04
 """Share of a mesh's largest side, for meshes so large that this exceeds `CELL` (a pedestal, a base)."""
 
 
-def lighten_meshes(model: mujoco.MjModel, cell: float = CELL) -> tuple[int, int]:
+def lighten_meshes(model: mujoco.MjModel, rows: int = ROWS) -> tuple[int, int]:
     """Merge nearby vertices of every mesh.
 
     Every vertex gives way to the first vertex in its grid cell; triangles that collapse or that repeat
@@ -32,14 +33,14 @@ def lighten_meshes(model: mujoco.MjModel, cell: float = CELL) -> tuple[int, int]
 
     Args:
         model: Changed in place (``mesh_face``, ``mesh_facenormal``, ``mesh_facetexcoord``, ``mesh_facenum``).
-        cell: Side of a grid cell in metres.
+        rows: Of the frames that will be drawn.
 
     Returns:
         Numbers of triangles before and after, over all meshes.
     """
     before = int(model.mesh_facenum.sum())
     for mesh in range(model.nmesh):
-        _lighten(model, mesh, cell)
+        _lighten(model, mesh, min(1.0, ROWS / rows))
     return before, int(model.mesh_facenum.sum())
 
 
@@ -66,12 +67,12 @@ def cluster_triangles(
     return merged[kept], kept
 
 
-def _lighten(model: mujoco.MjModel, mesh: int, cell: float) -> None:
+def _lighten(model: mujoco.MjModel, mesh: int, coarseness: float) -> None:
     start, count = int(model.mesh_faceadr[mesh]), int(model.mesh_facenum[mesh])
     first, vertices = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
     old = slice(start, start + count)
     points = model.mesh_vert[first : first + vertices]
-    side = max(cell, CELL_OF_EXTENT * float(np.ptp(points, axis=0).max()))
+    side = coarseness * max(CELL, CELL_OF_EXTENT * float(np.ptp(points, axis=0).max()))
     triangles, source = cluster_triangles(points, model.mesh_face[old], side)
     if not len(triangles):
         return

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from geoprior.sim.meshes import cluster_triangles
+from geoprior.sim.meshes import cluster_triangles, lighten_meshes
 
 
 @settings(max_examples=40, deadline=None)
@@ -33,3 +33,13 @@ def test_light_meshes_have_a_fraction_of_the_triangles(env):
     faces = env.world.sim.model.mesh_facenum
     assert 0 < faces.sum() < 0.25 * len(env.world.sim.model.mesh_face)
     assert faces.min() > 0
+
+
+def test_larger_frames_keep_finer_meshes(env):
+    """And none is finer than it needs to be: a frame of 128 rows or fewer has the coarsest."""
+    counts = []
+    for rows in (64, 128, 256, 480):
+        stock = env.task.make(env.robot, env.setting)
+        counts.append(lighten_meshes(stock.sim.model._model, rows)[1])
+    assert counts[0] == counts[1] < counts[2] < counts[3]
+    assert counts[1] < 0.35 * counts[3]

@@ -255,7 +255,7 @@ def _paint(arena: TableArena) -> None:
                 parent.remove(geom)
     _colour(arena.table_visual, TABLE_COLOUR)
     arena.floor.set("group", str(COLLISION_GROUP))
-    picture = {"name": "floor_visual", "type": "box", "pos": "0 0 -0.01", "size": "6 6 0.01", "group": "1"}
+    picture = {"name": "floor_visual", "type": "box", "pos": "0 0 -0.01", "size": "15 15 0.01", "group": "1"}
     floor = ET.Element("geom", {**picture, "contype": "0", "conaffinity": "0"})
     _colour(floor, FLOOR_COLOUR)
     arena.worldbody.append(floor)
