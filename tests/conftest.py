@@ -3,6 +3,11 @@ import subprocess
 import sys
 
 import pytest
+from hypothesis import settings
+
+# How long an example takes says something about the machine and nothing about the code.
+settings.register_profile("no-deadline", deadline=None)
+settings.load_profile("no-deadline")
 
 pytest_plugins = ["geoprior.testing"]
 os.environ.setdefault("MUJOCO_GL", "egl")

@@ -59,7 +59,8 @@ def explanation(group: GroupResult, confidence: float) -> str:
         if first == last
         else f"averaged over the learning curve from {count(first)} to {count(last)} fine-tuning epochs"
     )
-    text = f"Success rate on the task {group.task} with the robot {group.robot}, {where}."
+    seen = "" if group.look == "plain" else f", seen in the look {group.look}"
+    text = f"Success rate on the task {group.task} with the robot {group.robot}{seen}, {where}."
     if comparison is None:
         return f"{text} There was nothing to compare it with on the same initial states."
     area = comparison.area_under_curve

@@ -126,7 +126,7 @@ class _Folder:
 
 
 def _curve_picture(group: GroupResult, results: Results, folder: _Folder) -> Picture:
-    name = f"learning-curve-{group.robot}-{group.task}"
+    name = f"learning-curve-{group.robot}-{group.task}-{group.look}"
     ends = ", ".join(
         f"{condition.name} from {percent(condition.checkpoints[0].rate)} to "
         f"{percent(condition.last_checkpoint.rate)}"

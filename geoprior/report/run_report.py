@@ -55,11 +55,19 @@ def report_run(
     return {"headline": headline(found.groups[0])}
 
 
+_KINDS = {
+    "synthetic": "Generated: a plane, an object, a marker and a cube for the hand. No texture, no physics, "
+    "no robot. ",
+    "simulated": "Scripted demonstrations in simulation. ",
+}
+
+
 def _sheet(section: Literal["synthetic", "demonstrations"], shards: Path, folder: Path) -> Media:
     store = EpisodeStore(shards)
     path = folder / f"{section}.png"
     write_sheet(path, store_sheet(store))
-    return Media(section, path, f"{len(store)} episodes in all; a row each, both cameras.", "image")
+    kind = _KINDS.get(store.header(0).source, "")
+    return Media(section, path, f"{kind}{len(store)} episodes in all; a row each, both cameras.", "image")
 
 
 def _films(run: Path, trials: Sequence[Trial]) -> Iterator[Media]:

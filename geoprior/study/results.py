@@ -60,9 +60,9 @@ def summarise(trials: Iterable[Trial], *, seed: int, baseline: str = BASELINE) -
     Raises:
         DataError: There are no trials, or one is missing, so that pairs would be torn.
     """
-    groups: dict[tuple[str, str], list[Trial]] = {}
+    groups: dict[tuple[str, str, str], list[Trial]] = {}
     for trial in sorted(trials, key=lambda trial: trial.key):
-        groups.setdefault((trial.robot, trial.task), []).append(trial)
+        groups.setdefault(trial.scene, []).append(trial)
     if not groups:
         raise DataError(
             "there are no trials to summarise", "run `geoprior evaluate` on this run folder first"
@@ -75,7 +75,7 @@ def summarise(trials: Iterable[Trial], *, seed: int, baseline: str = BASELINE) -
 
 
 def _group(trials: Sequence[Trial], seed: int, baseline: str) -> GroupResult:
-    robot, task = trials[0].robot, trials[0].task
+    robot, task, look = scene = trials[0].scene
     training_seeds = sorted({trial.training_seed for trial in trials})
     state_seeds = sorted({trial.state_seed for trial in trials})
     names = sorted({trial.condition for trial in trials}, key=lambda name: (name == baseline, name))
@@ -85,13 +85,14 @@ def _group(trials: Sequence[Trial], seed: int, baseline: str) -> GroupResult:
     return GroupResult(
         robot=robot,
         task=task,
+        look=look,
         training_seeds=training_seeds,
         initial_states=len(state_seeds),
         conditions=[_condition(name, by_name[name], training_seeds) for name in names],
         comparisons=[
             comparison
             for name in others
-            if (comparison := _compare(name, baseline, outcomes, seed, (robot, task))) is not None
+            if (comparison := _compare(name, baseline, outcomes, seed, scene)) is not None
         ],
     )
 
@@ -151,7 +152,7 @@ def _checkpoint(epoch: int, trials: Sequence[Trial], training_seeds: Sequence[in
 
 
 def _compare(
-    name: str, baseline: str, outcomes: dict[str, Outcomes], seed: int, group: tuple[str, str]
+    name: str, baseline: str, outcomes: dict[str, Outcomes], seed: int, group: tuple[str, str, str]
 ) -> Comparison | None:
     first, second = outcomes[name], outcomes[baseline]
     epochs = sorted(first.keys() & second.keys())

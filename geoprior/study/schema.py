@@ -83,10 +83,11 @@ class Comparison(Options):
 
 
 class GroupResult(Options):
-    """Everything measured on one robot and task."""
+    """Everything measured on one robot and task, in one look."""
 
     robot: str = Field(description="Registered name.")
     task: str = Field(description="Registered name.")
+    look: str = Field("plain", description="Registered name.")
     training_seeds: list[int] = Field(min_length=1, description="Seeds of the trainings.")
     initial_states: int = Field(ge=1, description="Different initial states met.")
     conditions: list[ConditionResult] = Field(min_length=1, description="The baseline last.")
@@ -99,7 +100,7 @@ class Results(Options):
     schema_version: Literal[1] = 1
     confidence: float = Field(gt=0, lt=1, description="Of every interval.")
     bootstrap_samples: int = Field(ge=1, description="Resamples behind every paired interval.")
-    groups: list[GroupResult] = Field(min_length=1, description="By robot and task.")
+    groups: list[GroupResult] = Field(min_length=1, description="By robot, task and look.")
 
 
 def parse_results(value: Mapping[str, Any], where: str = "results.json") -> Results:

@@ -30,6 +30,7 @@ class Trial:
         steps: Control steps taken.
         seconds: Simulated time of the rollout; does not enter the results.
         film: Path of its film within the run folder, or empty.
+        look: Registered name of the look that the cameras saw.
     """
 
     task: str
@@ -43,11 +44,17 @@ class Trial:
     steps: Count
     seconds: float
     film: str = ""
+    look: str = "plain"
 
     @property
-    def key(self) -> tuple[str, str, str, int, int, int]:
+    def key(self) -> tuple[str, str, str, str, int, int, int]:
         """What no two trials of a run share; also their order."""
-        return self.robot, self.task, self.condition, self.training_seed, self.epoch, self.state_seed
+        return (*self.scene, self.condition, self.training_seed, self.epoch, self.state_seed)
+
+    @property
+    def scene(self) -> tuple[str, str, str]:
+        """Robot, task and look: only trials that agree in them are compared."""
+        return self.robot, self.task, self.look
 
 
 _LINE = TypeAdapter(Trial)

@@ -174,7 +174,7 @@ def test_two_robots_have_a_part_each(tmp_path):
     both["groups"] += results(robot="xarm7", seed=1)["groups"]
     page = Page(write_report(out=tmp_path, results=both, config_text="", run={}).read_text(encoding="utf-8"))
     assert page.tags.count("article") == 2
-    assert {"media/learning-curve-ur5e-pick.svg", "media/learning-curve-xarm7-pick.svg"} <= set(
+    assert {"media/learning-curve-ur5e-pick-plain.svg", "media/learning-curve-xarm7-pick-plain.svg"} <= set(
         page.references
     )
 
@@ -183,8 +183,8 @@ def test_a_second_report_leaves_nothing_of_the_first(tmp_path, material):
     write(tmp_path / "report", material)
     page = write(tmp_path / "report", material, media=[], losses={})
     assert sorted(file.name for file in (page.parent / "media").iterdir()) == [
-        "learning-curve-ur5e-pick-narrow.svg",
-        "learning-curve-ur5e-pick.svg",
+        "learning-curve-ur5e-pick-plain-narrow.svg",
+        "learning-curve-ur5e-pick-plain.svg",
     ]
 
 

@@ -167,7 +167,7 @@ def test_robots_are_told_apart():
 
 def test_a_missing_trial_would_tear_a_pair():
     with pytest.raises(DataError, match=r"'prior' at epoch 512 lacks .* seed 0 on initial state 1029"):
-        summarise([t for t in simulate() if t.key != ("ur5e", "pick", "prior", 0, 512, 1029)], seed=0)
+        summarise([t for t in simulate() if t.key != ("ur5e", "pick", "plain", "prior", 0, 512, 1029)], seed=0)
 
 
 def test_no_trials_are_no_results():
@@ -189,3 +189,12 @@ def test_foreign_results_are_refused_by_key(key, value):
     content = {**summarise(simulate(), seed=0).model_dump(mode="json"), key: value}
     with pytest.raises(DataError, match=key):
         parse_results(content)
+
+
+def test_trials_in_different_looks_are_never_compared():
+    plain = simulate()
+    dim = tuple(dataclasses.replace(trial, look="dim", success=not trial.success) for trial in plain)
+    together = summarise([*dim, *plain], seed=0)
+    assert [group.look for group in together.groups] == ["dim", "plain"]
+    alone = summarise(plain, seed=0)
+    assert together.groups[1] == alone.groups[0]
