@@ -38,6 +38,9 @@ BENCHMARKS = {
         "control steps a second with both cameras drawn, against robosuite's own loop (minutes)",
         "geoprior.bench.rollout",
     ),
+    "demos": Benchmark(
+        "20 demonstrations of each of the paper's arms and tasks (minutes)", "geoprior.bench.demos"
+    ),
 }
 
 
