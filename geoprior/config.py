@@ -19,7 +19,7 @@ from geoprior.hooks.manager import GROUP as PACKAGE
 from geoprior.hooks.manager import Plugins
 from geoprior.options import Choice, Options
 from geoprior.shards.config import GenerateConfig
-from geoprior.sim.config import DemosConfig, EvaluateConfig
+from geoprior.sim.config import DemosConfig, EvaluateConfig, SameEnvironmentConfig
 from geoprior.training.config import FinetuneConfig, PretrainConfig
 
 QUICKSTART = "quickstart"
@@ -34,6 +34,8 @@ KINDS = {
     ("policy",): "policy",
     ("pretrain", "source"): "source",
     ("robot",): "robot",
+    ("same_environment", "robot"): "robot",
+    ("same_environment", "tasks"): "task",
     ("task",): "task",
 }
 """Where the config names a plug-in, and of which kind."""
@@ -51,6 +53,11 @@ class RunConfig(Options):
         description="Engine for generation, demonstrations and rollouts; never changes a result.",
     )
     generate: GenerateConfig = Field(default=GenerateConfig(), description="The geometric data set.")
+    same_environment: SameEnvironmentConfig | None = Field(
+        None,
+        description="If given, the prior is learned from demonstrations in simulation in place of the "
+        "geometric data set: the paper's same-environment condition.",
+    )
     policy: Choice = Field(default=Choice(name="act"), description="What learns.")
     pretrain: PretrainConfig = Field(
         default=PretrainConfig(), description="How the prior is made from the geometric data set."
@@ -67,22 +74,38 @@ class RunConfig(Options):
 
     @model_validator(mode="after")
     def _refuse_shared_states(self) -> Self:
-        demos = range(self.demos.first_state, self.demos.first_state + self.demos.max_attempts)
-        trials = range(self.evaluate.first_state, self.evaluate.first_state + self.evaluate.trials)
-        if max(demos.start, trials.start) < min(demos.stop, trials.stop):
+        trials = self.evaluate.states
+        seen = {"demos": self.demos, "same_environment": self.same_environment}
+        for name, config in seen.items():
+            if config is None:
+                continue
+            states = range(config.first_state, config.first_state + config.max_attempts)
+            if max(states.start, trials.start) < min(states.stop, trials.stop):
+                raise ValueError(
+                    f"{name} may use the initial states {states.start}..{states.stop - 1} and evaluate uses "
+                    f"{trials.start}..{trials.stop - 1}: they must not overlap; move evaluate.first_state"
+                )
+        return self
+
+    @model_validator(mode="after")
+    def _refuse_a_source_that_reads_nothing(self) -> Self:
+        if self.same_environment is not None and self.pretrain.source.name != "shards":
             raise ValueError(
-                f"demos may use the initial states {demos.start}..{demos.stop - 1} and evaluate uses "
-                f"{trials.start}..{trials.stop - 1}: they must not overlap; move evaluate.first_state"
+                f"same_environment writes shards and pretrain.source {self.pretrain.source.name!r} does not "
+                "read them: set pretrain.source to shards"
             )
         return self
 
     @model_validator(mode="after")
     def _refuse_unequal_rates(self) -> Self:
-        prior = self.generate.fps / self.pretrain.skip
+        key, rate = "generate.fps", self.generate.fps
+        if self.same_environment is not None:
+            key, rate = "same_environment.control_rate", self.same_environment.control_rate
+        prior = rate / self.pretrain.skip
         demos = self.demos.control_rate / self.finetune.skip
         if abs(prior - demos) > 1e-9:
             raise ValueError(
-                f"the prior learns at generate.fps / pretrain.skip = {prior:g} Hz and the demonstrations "
+                f"the prior learns at {key} / pretrain.skip = {prior:g} Hz and the demonstrations "
                 f"at demos.control_rate / finetune.skip = {demos:g} Hz: a chunk must span the same time"
             )
         return self
@@ -167,7 +190,7 @@ def _named(tree: Mapping[str, Any]) -> Iterator[tuple[str, str, dict[str, Any]]]
     for keys, kind in KINDS.items():
         value: Any = tree
         for key in keys:
-            value = value.get(key, {})
+            value = (value or {}).get(key, {})
         for choice in value if isinstance(value, list) else [value] if value else []:
             yield ".".join(keys), kind, choice
 

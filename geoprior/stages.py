@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from geoprior.config import RunConfig
     from geoprior.hooks.manager import Plugins
     from geoprior.hooks.types import Executor
+    from geoprior.sim.config import SameEnvironmentConfig
 
 SYNTHETIC = "shards/synthetic"
 DEMOS = "shards/demos"
@@ -74,9 +75,24 @@ def _part(*keys: str) -> Callable[[RunConfig], dict[str, Any]]:
 def _generate(config: RunConfig, place: Workplace) -> Mapping[str, Any]:
     from geoprior.shards.generate import generate
 
+    if config.same_environment is not None:
+        return _collect_mixture(config.same_environment, config, place)
     manifest = generate(
         config.generate,
         config.cameras,
+        seed=config.seed,
+        executor=place.executor(config),
+        out=place.path / SYNTHETIC,
+    )
+    return {"episodes": manifest.episodes}
+
+
+def _collect_mixture(wanted: SameEnvironmentConfig, config: RunConfig, place: Workplace) -> Mapping[str, Any]:
+    from geoprior.sim.mixture import collect_mixture
+
+    manifest = collect_mixture(
+        wanted,
+        cameras=config.cameras,
         seed=config.seed,
         executor=place.executor(config),
         out=place.path / SYNTHETIC,
@@ -158,10 +174,10 @@ def _report(config: RunConfig, place: Workplace) -> Mapping[str, Any]:
 STAGES = (
     Stage(
         name="generate",
-        summary="Generate the geometric data set into WebDataset shards.",
+        summary="Generate the geometric data set (or what stands in for it) into WebDataset shards.",
         inputs=(),
         outputs=(SYNTHETIC,),
-        config=_part("seed", "cameras", "generate"),
+        config=_part("seed", "cameras", "generate", "same_environment"),
         run=_generate,
     ),
     Stage(

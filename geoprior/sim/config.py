@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from pydantic import Field, field_validator
+from typing import Self
+
+from pydantic import Field, field_validator, model_validator
 
 from geoprior.options import Choice, Options
 
 SIMULATION_RATE = 500
 """Physics steps a second, fixed by robosuite; a control rate divides it, or the control steps drift."""
+
+
+_NINE_TASKS = ("pick", "place", "push", "pile", "door", "can", "stack", "close", "cable")
 
 
 class DemosConfig(Options):
@@ -31,9 +36,51 @@ class DemosConfig(Options):
     @field_validator("control_rate")
     @classmethod
     def _divides(cls, rate: int) -> int:
-        if SIMULATION_RATE % rate:
-            raise ValueError(f"must divide {SIMULATION_RATE}: 10, 20, 25 and 50 do")
-        return rate
+        return _require_divisor(rate)
+
+
+class SameEnvironmentConfig(Options):
+    """Demonstrations of many tasks in simulation: the paper's other prior, learned where it is used."""
+
+    robot: Choice = Field(default=Choice(name="ur5e"), description="The arm; the paper's is the UR.")
+    tasks: list[Choice] = Field(
+        default=[Choice(name=name) for name in _NINE_TASKS],
+        min_length=1,
+        description="Tasks, each name once; they share the episodes evenly.",
+    )
+    episodes: int = Field(600, ge=1, le=1_000_000, description="Successful demonstrations in all.")
+    first_state: int = Field(
+        10_000_000,
+        ge=0,
+        lt=2**62,
+        description="Initial-state seed of every task's first attempt; the next ones count on.",
+    )
+    attempts_per_episode: int = Field(
+        3, ge=1, le=100, description="Attempts allowed for each demonstration wanted, over all of a task's."
+    )
+    control_rate: int = Field(10, ge=1, le=SIMULATION_RATE, description="Commands a second; divides 500.")
+
+    @property
+    def max_attempts(self) -> int:
+        """Initial states from ``first_state`` on that a task may use at most."""
+        return -(-self.episodes // len(self.tasks)) * self.attempts_per_episode
+
+    @field_validator("control_rate")
+    @classmethod
+    def _divides(cls, rate: int) -> int:
+        return _require_divisor(rate)
+
+    @model_validator(mode="after")
+    def _refuse_a_share_of_nothing(self) -> Self:
+        names = [task.name for task in self.tasks]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise ValueError(
+                f"tasks: {', '.join(twice)} named twice; an episode's key is its task and number"
+            )
+        if self.episodes < len(names):
+            raise ValueError(f"episodes: {self.episodes} cannot be shared among {len(names)} tasks")
+        return self
 
 
 class EvaluateConfig(Options):
@@ -82,3 +129,9 @@ class EvaluateConfig(Options):
     def states(self) -> range:
         """The initial-state seeds."""
         return range(self.first_state, self.first_state + self.trials)
+
+
+def _require_divisor(rate: int) -> int:
+    if SIMULATION_RATE % rate:
+        raise ValueError(f"must divide {SIMULATION_RATE}: 10, 20, 25 and 50 do")
+    return rate

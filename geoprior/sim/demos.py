@@ -54,7 +54,12 @@ class AttemptTask:
     @property
     def shard(self) -> Path:
         """Where the demonstration goes if it succeeds."""
-        return self.out / f"demo-{self.number:06d}.tar"
+        return self.out / f"{self.key}.tar"
+
+    @property
+    def key(self) -> str:
+        """Of the episode."""
+        return f"{self.setup.task.name}-{self.number:06d}"
 
     @property
     def note(self) -> Path:
@@ -134,7 +139,7 @@ def collect(
         raise ConfigError(
             f"task {task.name!r} on {robot.name!r}: {len(taken)} of {config.max_attempts} attempts succeeded "
             f"and {config.episodes} are wanted; reasons: {_reasons(done)}",
-            "raise demos.attempts_per_episode, or make the task easier",
+            "raise attempts_per_episode, or make the task easier",
         )
     return _finish(tasks, [done[number] for number in range(taken[-1] + 1)], taken, out)
 
@@ -189,7 +194,7 @@ def _header(env: Environment, task: AttemptTask, steps: int) -> EpisodeHeader:
     from geoprior.sim.environment import HAND
 
     return EpisodeHeader(
-        key=f"{task.setup.task.name}-{task.number:06d}",
+        key=task.key,
         source=SOURCE,
         motion=task.setup.task.name,
         index=task.number,
@@ -271,7 +276,7 @@ def _parse(task: AttemptTask, tree: Any, source: Path) -> Attempt:
 
 def _finish(tasks: list[AttemptTask], attempts: list[Attempt], taken: list[int], out: Path) -> Manifest:
     wanted = {tasks[number].shard for number in taken}
-    for path in sorted(out.glob("demo-*.tar")):
+    for path in sorted(out.glob("*.tar")):
         if path not in wanted:
             path.unlink()
     records: list[ShardRecord] = [record_of(path) for path in sorted(wanted)]

@@ -1,10 +1,13 @@
 from __future__ import annotations
 
 import pytest
+from quick_demos import fast_episodes
 
 from geoprior.geometry.camera import CamerasConfig
 from geoprior.hooks.manager import plugins
 from geoprior.options import Choice
+
+__all__ = ["fast_episodes"]
 
 SIZE = 64
 

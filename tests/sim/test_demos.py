@@ -1,11 +1,11 @@
 from __future__ import annotations
 
 import hashlib
-import random
 from pathlib import Path
 
 import numpy as np
 import pytest
+from quick_demos import Shuffled
 
 from geoprior.errors import ConfigError, DataError
 from geoprior.executors.local import LocalConfig, LocalExecutor, SerialExecutor
@@ -14,46 +14,6 @@ from geoprior.options import Choice
 from geoprior.shards.reader import EpisodeStore
 from geoprior.sim import demos
 from geoprior.sim.config import DemosConfig
-
-
-class Shuffled:
-    """An executor that finishes its work in a random order, and may be interrupted."""
-
-    def __init__(self, seed: int, stop_after: int = 10**9) -> None:
-        self.random, self.stop_after, self.ran = random.Random(seed), stop_after, 0
-
-    def run(self, function, items):
-        order = list(enumerate(items))
-        # As with a pool, work starts in order, and what runs at the same time ends in any order.
-        for first in range(0, len(order), 4):
-            batch = order[first : first + 4]
-            self.random.shuffle(batch)
-            for position, item in batch:
-                if self.ran == self.stop_after:
-                    raise KeyboardInterrupt
-                self.ran += 1
-                yield position, function(item)
-
-
-@pytest.fixture
-def fast_episodes(env, monkeypatch):
-    """Attempts without physics: one real observation, and every third attempt fails."""
-
-    def record(_env, task):
-        env.reset(task.state_seed)
-        if task.number % 3 == 1:
-            return None, "dropped", 7
-        seen = env.observe()
-        episode = demos.Episode(
-            header=demos._header(env, task, 1),
-            pose=seen.pose[None],
-            action=seen.pose[None],
-            images={name: frame[None] for name, frame in seen.images.items()},
-        )
-        return episode, "", 1
-
-    monkeypatch.setattr(demos, "record_expert", record)
-    monkeypatch.setattr(demos, "environment", lambda *_: env)
 
 
 def _collect(out: Path, executor, cameras, config: DemosConfig | None = None, robot: str = "ur5e"):
@@ -113,7 +73,7 @@ def test_too_many_failures_are_said_with_their_reasons(fast_episodes, tmp_path, 
     config = DemosConfig(episodes=8, attempts_per_episode=1)
     with pytest.raises(ConfigError, match=r"5 of 8 attempts.*3 x dropped") as caught:
         _collect(tmp_path, SerialExecutor(), cameras, config)
-    assert "demos.attempts_per_episode" in caught.value.hint
+    assert "attempts_per_episode" in caught.value.hint
 
 
 def test_real_demonstration_round_trips_through_its_shard(env, tmp_path, cameras):

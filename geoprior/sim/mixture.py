@@ -1,0 +1,97 @@
+"""The data that the geometric data set is compared with: demonstrations of many tasks in simulation.
+
+The paper's same-environment condition: the prior is learned from as many episodes as the geometric data set
+has, which look and move as the downstream ones do.
+"""
+
+from __future__ import annotations
+
+import shutil
+from typing import TYPE_CHECKING
+
+from geoprior.errors import DataError
+from geoprior.files import read_json, sha256_json, write_json
+from geoprior.shards.manifest import MANIFEST, Manifest, ShardRecord, read_manifest, write_manifest
+from geoprior.sim.config import DemosConfig
+from geoprior.sim.demos import ATTEMPTS, collect
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from geoprior.geometry.camera import CamerasConfig
+    from geoprior.hooks.types import Executor
+    from geoprior.options import Choice
+    from geoprior.sim.config import SameEnvironmentConfig
+
+PARTS = "parts"
+MIXTURE = "mixture.json"
+
+
+def collect_mixture(
+    config: SameEnvironmentConfig, *, cameras: CamerasConfig, seed: int, executor: Executor, out: Path
+) -> Manifest:
+    """Collect demonstrations of every task, or what is still missing of them.
+
+    Args:
+        config: Which arm and tasks, and how many episodes in all.
+        cameras: Lenses and size of the frames.
+        seed: Root seed, for the experts' variation.
+        executor: Runs attempts side by side; the bytes do not depend on it.
+        out: Folder of the shards (one demonstration each), their manifest, and `MIXTURE`: for each task its
+            attempts, failures among them.
+
+    Raises:
+        GeopriorError: See `geoprior.sim.demos.collect`.
+        DataError: The folder holds other data.
+    """
+    recipe = sha256_json([config.model_dump(mode="json"), cameras.model_dump(mode="json"), seed])
+    if (out / MANIFEST).exists():
+        return _finished(recipe, out)
+    parts = {
+        task.name: collect(
+            DemosConfig(
+                episodes=episodes,
+                first_state=config.first_state,
+                attempts_per_episode=config.attempts_per_episode,
+                control_rate=config.control_rate,
+            ),
+            robot=config.robot,
+            task=task,
+            cameras=cameras,
+            seed=seed,
+            executor=executor,
+            out=out / PARTS / task.name,
+        )
+        for task, episodes in shares(config)
+    }
+    return _finish(recipe, parts, out)
+
+
+def shares(config: SameEnvironmentConfig) -> list[tuple[Choice, int]]:
+    """How many episodes each task gives: as equal as can be, the first ones one more."""
+    each, more = divmod(config.episodes, len(config.tasks))
+    return [(task, each + (place < more)) for place, task in enumerate(config.tasks)]
+
+
+def _finish(recipe: str, parts: dict[str, Manifest], out: Path) -> Manifest:
+    """Bring all shards into one folder. What an interrupted call has brought there stays."""
+    attempts = {name: read_json(out / PARTS / name / ATTEMPTS) for name in parts}
+    write_json(out / MIXTURE, {"recipe": recipe, "attempts": attempts})
+    records: list[ShardRecord] = []
+    for name, manifest in parts.items():
+        records.extend(manifest.shards)
+        for record in manifest.shards:
+            source = out / PARTS / name / record.file
+            if source.exists():
+                source.rename(out / record.file)
+    manifest = write_manifest(out, records)
+    shutil.rmtree(out / PARTS)
+    return manifest
+
+
+def _finished(recipe: str, out: Path) -> Manifest:
+    tree = read_json(out / MIXTURE) if (out / MIXTURE).exists() else None
+    if not isinstance(tree, dict) or tree.get("recipe") != recipe:
+        raise DataError(f"{out}: holds other data than is wanted", f"delete {out}, or choose another folder")
+    shutil.rmtree(out / PARTS, ignore_errors=True)
+    return read_manifest(out)
