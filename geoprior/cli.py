@@ -169,7 +169,7 @@ def doctor(as_json: bool) -> None:  # noqa: FBT001
 
 @cli.group("plugins")
 def plugins_group() -> None:
-    """See what is installed: primitives, motions, variants, renderers, robots, tasks, policies, executors."""
+    """See what is installed: primitives, motions, variants, renderers, robots, tasks, looks, policies..."""
 
 
 @plugins_group.command("list")

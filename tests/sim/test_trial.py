@@ -51,6 +51,24 @@ def test_broken_physics_fails_the_trial(env, monkeypatch):
     assert run_trial(env, HoldStill(), SHORT, 3) == Outcome(success=False, reason="unstable physics", steps=1)
 
 
+@pytest.mark.parametrize("place", [(3.0, 0.0, 0.2), (-0.56, 0.0, 0.1), (0.0, 0.0, -0.5)])
+def test_a_pose_out_of_reach_runs_out_of_time_or_breaks_nothing_else(env, place):
+    """Far away, inside the robot's own base, under the table: the arm goes as far as it can."""
+
+    class Insists(HoldStill):
+        def predict(self, pose: np.ndarray, images: Mapping[str, np.ndarray]) -> np.ndarray:
+            chunk = super().predict(pose, images)
+            chunk[..., :3] = place
+            return chunk
+
+    outcome = run_trial(env, Insists(), EvaluateConfig(time_limit=2.0), 3)
+    assert not outcome.success
+    assert outcome.reason in {"time-out", "dropped", "unstable physics"}
+    assert outcome.steps > 5
+    env.reset(3)
+    assert np.isfinite(env.pose()).all()
+
+
 def test_cube_off_the_table_ends_the_trial(env):
     def push_off() -> None:
         env.world.sim.data.set_joint_qpos("cube_joint0", np.array([0.0, 0.9, 0.5, 1.0, 0.0, 0.0, 0.0]))
