@@ -85,7 +85,11 @@ def run(config: str | None, out: Path, overrides: tuple[str, ...], replace: bool
     CONFIG is a YAML file or the name of a packaged config; without it, the config that the run folder
     holds, or else the quickstart. Stages that are done are skipped; a stage that was stopped goes on.
     """
+    from geoprior.pipeline import is_follower
+
     _run(config, out, overrides, STAGE_NAMES, replace=replace)
+    if is_follower():
+        return
     _say(_headline(out))
     _say(f"report: {out / 'report' / 'index.html'}")
 
@@ -112,11 +116,14 @@ def _run(
     config: str | None, out: Path, overrides: tuple[str, ...], names: tuple[str, ...], *, replace: bool
 ) -> None:
     from geoprior.hooks.manager import plugins
-    from geoprior.pipeline import interrupt_on_termination, run_stages
+    from geoprior.pipeline import follow_stages, interrupt_on_termination, is_follower, run_stages
     from geoprior.run_folder import open_run
 
     interrupt_on_termination()
     resolved = _load(config, overrides, out)
+    if is_follower():
+        follow_stages(resolved, out, names, plugins())
+        return
     _ensure_fit(out)
     with open_run(out, resolved, STAGES, replace=replace) as folder:
         run_stages(folder, names, plugins(), _say)

@@ -6,6 +6,7 @@ the config and of what it reads; its record in ``stages/`` says whether those ou
 
 from __future__ import annotations
 
+import os
 import signal
 import time
 from collections.abc import Callable, Sequence
@@ -13,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from geoprior import StageEvent, provenance
-from geoprior.config import plugins_named
+from geoprior.config import RunConfig, plugins_named
 from geoprior.errors import DataError
 from geoprior.files import sha256_file, sha256_json, write_json
 from geoprior.hooks.manager import Plugins
@@ -32,18 +33,52 @@ def run_stages(folder: RunFolder, names: Sequence[str], plugins: Plugins, say: C
             _run_stage(folder, stage, plugins, say)
 
 
+def follow_stages(config: RunConfig, path: Path, names: Sequence[str], plugins: Plugins) -> None:
+    """Take part in the named stages as a process of torchrun that is not the first: train, and write nothing.
+
+    Raises:
+        GeopriorError: A training failed; it did so in all processes.
+    """
+    for stage in STAGES:
+        if stage.name in names and stage.together and _all_run(lambda: True):
+            stage.run(config, Workplace(path, plugins))
+
+
+def _all_run(decide: Callable[[], bool]) -> bool:
+    """Whether the processes of torchrun run a stage; the first one decides. Alone, nothing is imported."""
+    if not is_one_of_several():
+        return decide()
+    from geoprior.training.team import team
+
+    return bool(team().agree(decide))
+
+
+def is_one_of_several() -> bool:
+    """Whether torchrun started this process as one of several."""
+    return int(os.environ.get("WORLD_SIZE", "1")) > 1
+
+
+def is_follower() -> bool:
+    """Whether torchrun started this process and it is not the first one."""
+    return is_one_of_several() and os.environ.get("RANK") != "0"
+
+
 def _run_stage(folder: RunFolder, stage: Stage, plugins: Plugins, say: Callable[[str], None]) -> None:
     begun = _begun_record(folder, stage, plugins)
     old = folder.record(stage.name)
     if old is not None and old.fingerprint == begun.fingerprint:
         if old.status == "done" and folder.is_whole(old):
             say(f"{stage.name}: done before, skipped")
+            if stage.together:
+                _all_run(lambda: False)
             return
         say(f"{stage.name}: goes on")
     elif old is not None:
         say(f"{stage.name}: its inputs have changed, runs again")
         clear(folder, stage)
     folder.write_record(begun)
+    if stage.together:
+        _all_run(lambda: True)
     done = _execute(folder, stage, begun, plugins)
     folder.write_record(done)
     _write_run_file(folder, plugins)

@@ -15,13 +15,14 @@ _SECONDS_BETWEEN_LINES = 10.0
 class Track:
     """One running count; get it from `track`."""
 
-    def __init__(self, label: str, total: int, unit: str, done: int) -> None:
+    def __init__(self, label: str, total: int, unit: str, done: int, *, quiet: bool = False) -> None:
         self.label, self.total, self.unit, self.done = label, total, unit, done
         self._begun = self._said = time.monotonic()
         self._first = done
+        self._quiet = quiet
         self._bar = (
             tqdm(total=total, initial=done, desc=label, unit=unit, dynamic_ncols=True, leave=True)
-            if sys.stderr.isatty()
+            if sys.stderr.isatty() and not quiet
             else None
         )
         if self._bar is None:
@@ -48,11 +49,13 @@ class Track:
 
     def _say(self, text: str) -> None:
         self._said = time.monotonic()
+        if self._quiet:
+            return
         print(f"{self.label}: {self.done}/{self.total} {self.unit} {text}".rstrip(), file=sys.stderr)
 
 
 @contextmanager
-def track(label: str, total: int, unit: str, done: int = 0) -> Iterator[Track]:
+def track(label: str, total: int, unit: str, done: int = 0, *, quiet: bool = False) -> Iterator[Track]:
     """Show progress on stderr.
 
     Args:
@@ -60,8 +63,9 @@ def track(label: str, total: int, unit: str, done: int = 0) -> Iterator[Track]:
         total: Units in all.
         unit: What is counted, in the plural.
         done: Units that an earlier, interrupted run has done already.
+        quiet: Say nothing.
     """
-    tracker = Track(label, total, unit, done)
+    tracker = Track(label, total, unit, done, quiet=quiet)
     try:
         yield tracker
     finally:

@@ -57,6 +57,7 @@ class Stage:
         config: The part of the config that its outputs depend on.
         run: Does the work; returns small facts for the run's record.
         revision: Raised when the same config and inputs come to mean something else.
+        together: Whether all processes of torchrun take part in it; the others are the first one's alone.
     """
 
     name: str
@@ -66,6 +67,7 @@ class Stage:
     config: Callable[[RunConfig], dict[str, Any]]
     run: Callable[[RunConfig, Workplace], Mapping[str, Any]]
     revision: int = 1
+    together: bool = False
 
 
 def _part(*keys: str) -> Callable[[RunConfig], dict[str, Any]]:
@@ -187,6 +189,7 @@ STAGES = (
         outputs=(PRETRAIN,),
         config=_part("seed", "cameras", "generate", "policy", "pretrain"),
         run=_pretrain,
+        together=True,
     ),
     Stage(
         name="demos",
@@ -203,6 +206,7 @@ STAGES = (
         outputs=(FINETUNE,),
         config=_part("seed", "policy", "finetune"),
         run=_finetune,
+        together=True,
     ),
     Stage(
         name="evaluate",

@@ -20,6 +20,13 @@ class TrainConfig(Options):
         256, ge=1, le=10_000_000, description="Passes over the episodes, one time step of each."
     )
     batch_size: int = Field(64, ge=1, le=65_536, description="Samples of one optimiser step.")
+    microbatches: int = Field(
+        1,
+        ge=1,
+        le=4096,
+        description="Equal parts in which a batch goes through the network, to save memory or to be shared "
+        "out among the processes of torchrun. Batch norm sees one part at a time.",
+    )
     learning_rate: float = Field(1e-4, gt=0.0, le=1.0, description="Of AdamW, after the warm-up.")
     trunk_learning_rate: float | None = Field(
         None, gt=0.0, le=1.0, description="Of the visual trunk; null takes `learning_rate`."
@@ -62,6 +69,12 @@ class TrainConfig(Options):
         60.0, ge=0.0, description="Least time between two saves of the state from which a killed run goes on."
     )
     log_every: int = Field(10, ge=1, description="Optimiser steps between two calls of the train-step hook.")
+
+    @model_validator(mode="after")
+    def _parts_are_equal(self) -> Self:
+        if self.batch_size % self.microbatches:
+            raise ValueError(f"microbatches {self.microbatches} must divide batch_size {self.batch_size}")
+        return self
 
 
 class PretrainConfig(TrainConfig):

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from itertools import starmap
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -52,15 +53,17 @@ class Batches:
         self._lengths = np.array([len(pose) for pose in source.poses])
         self._order = SampleOrder(seed, self._lengths.tolist())
 
-    def batch(self, step: int) -> Batch:
-        """The batch of optimiser step ``step``, from 0."""
-        size, slots_of_epoch = self._config.batch_size, len(self._lengths)
-        positions = np.arange(step * size, (step + 1) * size)
-        slots, times = self._order.samples(step * size, size).T
+    def batch(self, step: int, part: int = 0) -> Batch:
+        """A microbatch of the batch of optimiser step ``step``, both from 0."""
+        parts, slots_of_epoch = self._config.microbatches, len(self._lengths)
+        size = self._config.batch_size // parts
+        first = (step * parts + part) * size
+        positions = np.arange(first, first + size)
+        slots, times = self._order.samples(first, size).T
         numbers = positions // slots_of_epoch * slots_of_epoch + slots
         steps, valid = chunk_steps(times, self._lengths[slots], self._features.chunk, self._config.skip)
         moments = self._source.read(numbers, steps)
-        rng = generator(self._seed, "augment", step)
+        rng = generator(self._seed, "augment", *_number(step, part, parts))
         frames = stack_cameras(moments.frames, self._features.cameras)
         if self._config.image_shift:
             frames = shift_frames(frames, self._config.image_shift, rng)
@@ -71,16 +74,20 @@ class Batches:
             "valid": torch.from_numpy(valid),
         }
 
-    def stream(self, first: int, last: int) -> Generator[Batch, None, None]:
-        """The batches of the steps ``first .. last - 1``, read ahead by a thread if the config says so."""
+    def stream(self, first: int, last: int, parts: Sequence[int] = (0,)) -> Generator[Batch, None, None]:
+        """Some microbatches of each of the steps ``first .. last - 1``, one after the other.
+
+        They are read ahead by a thread if the config says so.
+        """
+        wanted = [(step, part) for step in range(first, last) for part in parts]
         if self._config.prefetch == 0:
-            yield from map(self.batch, range(first, last))
+            yield from starmap(self.batch, wanted)
             return
         with ThreadPoolExecutor(1, thread_name_prefix="batches") as pool:
             ahead: deque[Future[Batch]] = deque()
             try:
-                for step in range(first, last):
-                    ahead.append(pool.submit(self.batch, step))
+                for step, part in wanted:
+                    ahead.append(pool.submit(self.batch, step, part))
                     if len(ahead) > self._config.prefetch:
                         yield ahead.popleft().result()
                 while ahead:
@@ -88,6 +95,11 @@ class Batches:
             finally:
                 for future in ahead:
                     future.cancel()
+
+
+def _number(step: int, part: int, parts: int) -> tuple[int, ...]:
+    """What tells the random draws of a microbatch from all others."""
+    return (step,) if parts == 1 else (step, part)
 
 
 def chunk_steps(

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import closing, contextmanager
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, cast
+from contextlib import AbstractContextManager, closing, contextmanager
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
 
 import torch
 
 from geoprior.errors import NumericalError
 from geoprior.files import read_json, write_json
-from geoprior.geometry.seeding import integer_seed
 from geoprior.hooks.manager import plugins
 from geoprior.hooks.types import TrainStep
 from geoprior.policies.checkpoint import CheckpointHeader, checkpoint_path, save_checkpoint
-from geoprior.progress import track
+from geoprior.progress import Track, track
+from geoprior.training.optimise import make_optimizer, take_step
 from geoprior.training.order import steps_until
 from geoprior.training.resume import (
     RESUME_NAME,
@@ -26,13 +25,13 @@ from geoprior.training.resume import (
     require_same_training,
     save_progress,
 )
+from geoprior.training.team import Team
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from torch import nn
 
-    from geoprior.policies.policy import Batch, Policy
     from geoprior.training.config import TrainConfig
     from geoprior.training.data import Batches
     from geoprior.training.machine import Machine
@@ -57,6 +56,7 @@ class Training:
         machine: Precision and threads.
         header: What the checkpoints say; epoch and step are filled in.
         fingerprint: Of all that decides the weights at the end.
+        team: The processes that take part.
     """
 
     run: str
@@ -69,6 +69,7 @@ class Training:
     machine: Machine
     header: CheckpointHeader
     fingerprint: str
+    team: Team = field(default_factory=Team)
 
     @property
     def steps(self) -> int:
@@ -92,13 +93,20 @@ def fit(training: Training) -> dict[str, Any]:
         result: dict[str, Any] = read_json(result_path)
         require_same_training(result_path, result.get("fingerprint"), training.fingerprint)
         return result
-    training.folder.mkdir(parents=True, exist_ok=True)
-    _sweep(training.folder)
+    if training.team.leads:
+        training.folder.mkdir(parents=True, exist_ok=True)
+        _sweep(training.folder)
     with _arithmetic(training.machine.threads):
         result = _run(training)
-    write_json(result_path, result)
-    (training.folder / RESUME_NAME).unlink(missing_ok=True)
+    if training.team.leads:
+        write_json(result_path, result)
+        (training.folder / RESUME_NAME).unlink(missing_ok=True)
     return result
+
+
+def _shown(training: Training, done: int) -> AbstractContextManager[Track]:
+    total = training.steps * training.config.batch_size
+    return track(training.run, total, "samples", done, quiet=not training.team.leads)
 
 
 def _sweep(folder: Path) -> None:
@@ -115,19 +123,22 @@ def _run(training: Training) -> dict[str, Any]:
     saved = time.monotonic()
     begun = saved - progress.seconds
     due = _checkpoint_steps(training)
-    label, batch_size = training.run, config.batch_size
+    batch_size, parts = config.batch_size, training.team.share_of(config.microbatches)
     with (
-        closing(training.batches.stream(progress.step, training.steps)) as batches,
-        track(label, training.steps * batch_size, "samples", progress.step * batch_size) as shown,
+        closing(training.batches.stream(progress.step, training.steps, parts)) as batches,
+        _shown(training, progress.step * batch_size) as shown,
     ):
-        for batch in batches:
-            metrics = _take_step(training, optimizer, progress.step, batch)
+        while progress.step < training.steps:
+            mine = {part: next(batches) for part in parts}
+            metrics = take_step(training, optimizer, progress.step, mine)
             averages = _average(progress.averages, metrics, progress.step)
             now = time.monotonic()
             progress = Progress(progress.step + 1, now - begun, averages)
             shown.advance(
                 batch_size, **{name: f"{averages[name]:.4f}" for name in ("l1",) if name in averages}
             )
+            if not training.team.leads:
+                continue
             _log(training, progress.step, metrics)
             for epoch in due.get(progress.step, ()):
                 _save_weights(training, epoch, progress.step)
@@ -143,51 +154,6 @@ def _run(training: Training) -> dict[str, Any]:
         "seconds": round(progress.seconds, 3),
         "metrics": dict(progress.averages),
     }
-
-
-def make_optimizer(config: TrainConfig, policy: nn.Module) -> torch.optim.AdamW:
-    """Fused AdamW with the trunk in its own group."""
-    prefixes = cast("Policy", policy).trunk_prefixes
-    trunk: list[nn.Parameter] = []
-    rest: list[nn.Parameter] = []
-    for name, parameter in policy.named_parameters():
-        if parameter.requires_grad:
-            (trunk if name.startswith(prefixes) else rest).append(parameter)
-    rates = (config.trunk_learning_rate or config.learning_rate, config.learning_rate)
-    groups = [
-        {"params": parameters, "lr": rate, "full_rate": rate}
-        for parameters, rate in zip((trunk, rest), rates, strict=True)
-        if parameters
-    ]
-    return torch.optim.AdamW(groups, weight_decay=config.weight_decay, fused=True)
-
-
-def _take_step(
-    training: Training, optimizer: torch.optim.Optimizer, step: int, batch: Batch
-) -> dict[str, float]:
-    """One optimiser step; its randomness depends on the seed and the step's number only."""
-    config = training.config
-    torch.manual_seed(integer_seed(training.seed, "step", step))
-    warm = min(1.0, (step + 1) / config.warmup_steps) if config.warmup_steps else 1.0
-    for group in optimizer.param_groups:
-        group["lr"] = group["full_rate"] * warm
-    device = training.machine.device
-    batch = cast("Batch", {name: value.to(device) for name, value in batch.items()})  # type: ignore[attr-defined]
-    with torch.autocast(device, torch.bfloat16, enabled=training.machine.precision == "bf16"):
-        loss, scalars = cast("Policy", training.policy).loss(batch)
-    metrics = {name: float(value) for name, value in scalars.items()}
-    if not math.isfinite(loss.item()):
-        raise NumericalError(
-            f"{training.run}: the loss is {loss.item()} at step {step + 1}",
-            f"the last good state is kept in {training.folder}; lower learning_rate or set gradient_clip",
-        )
-    optimizer.zero_grad(set_to_none=True)
-    loss.backward()  # type: ignore[no-untyped-call]
-    if config.gradient_clip is not None:
-        norm = torch.nn.utils.clip_grad_norm_(training.policy.parameters(), config.gradient_clip)
-        metrics["gradient_norm"] = float(norm)
-    optimizer.step()
-    return {**metrics, "learning_rate": config.learning_rate * warm}
 
 
 def _average(averages: Mapping[str, float], metrics: Mapping[str, float], step: int) -> dict[str, float]:

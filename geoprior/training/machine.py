@@ -39,7 +39,7 @@ class Machine:
     bf16_speedup: float = 0.0
 
 
-def decide_machine(config: TrainConfig, folder: Path) -> Machine:
+def decide_machine(config: TrainConfig, folder: Path, processes: int = 1) -> Machine:
     """What ``folder/machine.json`` says, or what the config says and a short trial finds; then it is written.
 
     Raises:
@@ -58,7 +58,7 @@ def decide_machine(config: TrainConfig, folder: Path) -> Machine:
             config.threads or known.threads,
             known.bf16_speedup,
         )
-    threads = config.threads or len(os.sched_getaffinity(0))
+    threads = config.threads or max(1, len(os.sched_getaffinity(0)) // processes)
     automatic = "cuda" if torch.cuda.is_available() else "cpu"
     device = automatic if config.device == "auto" else _require(config.device)
     speedup = measure_bf16_speedup(device) if config.precision == "auto" else 0.0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import torch
@@ -27,6 +27,7 @@ from geoprior.training.config import ConditionConfig, TrainConfig
 from geoprior.training.data import Batches, features_of, statistics_of
 from geoprior.training.loop import Training, fit
 from geoprior.training.machine import Machine, decide_machine
+from geoprior.training.team import team
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -93,7 +94,7 @@ def pretrain(
     context = SourceContext(data, generate, cameras, seed, config.frame_cache_mb * 2**20)
     job = Job("pretrain", integer_seed(seed, "pretrain"), _SCRATCH, None, out)
     with closing(plugins().build("source", config.source, context)) as source:
-        return train(config, job, policy, source, decide_machine(config, out))
+        return train(config, job, policy, source, _machine(config, out))
 
 
 def finetune(
@@ -119,7 +120,7 @@ def finetune(
         GeopriorError: See `geoprior.training.loop.fit`; and where a prior is missing or does not fit.
     """
     source = ShardSource(EpisodeStore(demos), config.frame_cache_mb * 2**20)
-    machine = decide_machine(config, out)
+    machine = _machine(config, out)
     results = {}
     for name, condition in config.conditions.items():
         checkpoint = last_checkpoint(name, prior) if condition.init == "prior" else None
@@ -161,8 +162,15 @@ def train(config: TrainConfig, job: Job, choice: Choice, source: Source, machine
         machine=machine,
         header=CheckpointHeader(choice, features, fps, statistics, 0, 0, details),
         fingerprint=sha256_json({"policy": choice.model_dump(mode="json"), "fps": fps, **details}),
+        team=team(),
     )
     return fit(training)
+
+
+def _machine(config: TrainConfig, out: Path) -> Machine:
+    """The same for all processes."""
+    here = team()
+    return Machine(**here.agree(lambda: asdict(decide_machine(config, out, here.local_size))))
 
 
 def build_policy(choice: Choice, features: Features, seed: int) -> nn.Module:
