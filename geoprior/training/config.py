@@ -47,6 +47,13 @@ class TrainConfig(Options):
     skip: int = Field(
         1, ge=1, le=1000, description="Every `skip`-th action: the policy's rate is the data's fps / skip."
     )
+    held_out: float = Field(
+        0.0,
+        ge=0.0,
+        le=0.9,
+        description="Share of the episodes that is not trained on, one at least if it is not 0; the loss on "
+        "them is logged as `held_out_*` at every checkpoint.",
+    )
     device: Literal["auto", "cpu", "cuda"] = Field(
         "auto", description="Where training runs; `auto` takes a GPU where torch finds one."
     )

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import torch
 
+from geoprior.errors import ConfigError
 from geoprior.geometry.seeding import generator
 from geoprior.policies.normalise import FeatureStatistics, Normaliser, measure, normalise_images
 from geoprior.policies.policy import Batch, Features
@@ -29,9 +30,35 @@ def features_of(source: Source, chunk: int) -> Features:
     return Features(source.cameras, source.image_size, source.poses[0].shape[1], chunk)
 
 
-def statistics_of(source: Source) -> dict[str, FeatureStatistics]:
-    """Over all time steps of the first epoch's episodes."""
-    return {"pose": measure(source.poses), "action": measure(source.actions)}
+def statistics_of(source: Source, slots: Sequence[int] | None = None) -> dict[str, FeatureStatistics]:
+    """Over all time steps of the first epoch's episodes, or of those in some slots."""
+    chosen = range(len(source)) if slots is None else slots
+    return {
+        "pose": measure([source.poses[slot] for slot in chosen]),
+        "action": measure([source.actions[slot] for slot in chosen]),
+    }
+
+
+def split_slots(count: int, share: float, seed: int) -> tuple[list[int], list[int]]:
+    """The slots to train on, and those that are held out.
+
+    Args:
+        count: Slots of the source.
+        share: To be held out; above 0 at least one slot is, and at least one is left.
+        seed: Of the training.
+
+    Raises:
+        ConfigError: There are too few episodes for both.
+    """
+    if share == 0.0:
+        return list(range(count)), []
+    aside = min(max(1, round(share * count)), count - 1)
+    if aside < 1:
+        raise ConfigError(
+            f"held_out {share:g}: {count} episode cannot be trained on and held out", "set held_out to 0"
+        )
+    order = generator(seed, "held-out").permutation(count).tolist()
+    return sorted(order[aside:]), sorted(order[:aside])
 
 
 class Batches:
@@ -43,24 +70,33 @@ class Batches:
         normaliser: Applied to poses and actions.
         config: Batch size, skip, noise and shift.
         seed: Of the training; decides order, noise and shift.
+        slots: Those of the source to train on; all by default.
     """
 
     def __init__(
-        self, source: Source, features: Features, normaliser: Normaliser, config: TrainConfig, seed: int
+        self,
+        source: Source,
+        features: Features,
+        normaliser: Normaliser,
+        config: TrainConfig,
+        seed: int,
+        slots: Sequence[int] | None = None,
     ) -> None:
         self._source, self._features, self._normaliser = source, features, normaliser
         self._config, self._seed = config, seed
+        self._slots = np.arange(len(source)) if slots is None else np.array(slots)
         self._lengths = np.array([len(pose) for pose in source.poses])
-        self._order = SampleOrder(seed, self._lengths.tolist())
+        self._order = SampleOrder(seed, self._lengths[self._slots].tolist())
 
     def batch(self, step: int, part: int = 0) -> Batch:
         """A microbatch of the batch of optimiser step ``step``, both from 0."""
-        parts, slots_of_epoch = self._config.microbatches, len(self._lengths)
+        parts = self._config.microbatches
         size = self._config.batch_size // parts
         first = (step * parts + part) * size
         positions = np.arange(first, first + size)
-        slots, times = self._order.samples(first, size).T
-        numbers = positions // slots_of_epoch * slots_of_epoch + slots
+        places, times = self._order.samples(first, size).T
+        slots = self._slots[places]
+        numbers = positions // len(self._slots) * len(self._source) + slots
         steps, valid = chunk_steps(times, self._lengths[slots], self._features.chunk, self._config.skip)
         moments = self._source.read(numbers, steps)
         rng = generator(self._seed, "augment", *_number(step, part, parts))

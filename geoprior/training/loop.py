@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
     from geoprior.training.config import TrainConfig
     from geoprior.training.data import Batches
+    from geoprior.training.held_out import HeldOut
     from geoprior.training.machine import Machine
 
 RESULT_NAME = "result.json"
@@ -51,12 +52,13 @@ class Training:
         config: The common fields.
         policy: A `geoprior.policies.policy.Policy`, with its first weights.
         batches: What it learns from.
-        episodes: In the data; an epoch has one sample of each.
+        episodes: That it learns from; an epoch has one sample of each.
         seed: Decides what is random inside a step.
         machine: Precision and threads.
         header: What the checkpoints say; epoch and step are filled in.
         fingerprint: Of all that decides the weights at the end.
         team: The processes that take part.
+        held_out: What it is judged by at every checkpoint, if anything.
     """
 
     run: str
@@ -70,6 +72,7 @@ class Training:
     header: CheckpointHeader
     fingerprint: str
     team: Team = field(default_factory=Team)
+    held_out: HeldOut | None = None
 
     @property
     def steps(self) -> int:
@@ -139,7 +142,8 @@ def _run(training: Training) -> dict[str, Any]:
             )
             if not training.team.leads:
                 continue
-            _log(training, progress.step, metrics)
+            judged = _judge(training) if progress.step in due else {}
+            _log(training, progress.step, {**metrics, **judged}, always=bool(judged))
             for epoch in due.get(progress.step, ()):
                 _save_weights(training, epoch, progress.step)
             if progress.step in due or now - saved >= config.resume_seconds:
@@ -152,8 +156,14 @@ def _run(training: Training) -> dict[str, Any]:
         "steps": progress.step,
         "samples": progress.step * batch_size,
         "seconds": round(progress.seconds, 3),
-        "metrics": dict(progress.averages),
+        "metrics": {**progress.averages, **(_judge(training) if training.team.leads else {})},
     }
+
+
+def _judge(training: Training) -> dict[str, float]:
+    if training.held_out is None:
+        return {}
+    return training.held_out.measure(training.policy, training.machine)
 
 
 def _average(averages: Mapping[str, float], metrics: Mapping[str, float], step: int) -> dict[str, float]:
@@ -189,8 +199,8 @@ def _require_finite_weights(training: Training, step: int) -> None:
             )
 
 
-def _log(training: Training, step: int, metrics: Mapping[str, float]) -> None:
-    if step % training.config.log_every and step != training.steps:
+def _log(training: Training, step: int, metrics: Mapping[str, float], *, always: bool) -> None:
+    if step % training.config.log_every and step != training.steps and not always:
         return
     event = TrainStep(
         run=training.run,

@@ -24,12 +24,14 @@ from geoprior.shards.reader import EpisodeStore
 from geoprior.sources.shards import ShardSource
 from geoprior.sources.source import SourceContext
 from geoprior.training.config import ConditionConfig, TrainConfig
-from geoprior.training.data import Batches, features_of, statistics_of
+from geoprior.training.data import Batches, features_of, split_slots, statistics_of
+from geoprior.training.held_out import HeldOut
 from geoprior.training.loop import Training, fit
 from geoprior.training.machine import Machine, decide_machine
 from geoprior.training.team import team
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
     from torch import nn
@@ -137,7 +139,8 @@ def train(config: TrainConfig, job: Job, choice: Choice, source: Source, machine
     choice = plugins().resolve("policy", choice)
     features = features_of(source, _chunk(choice))
     fps = source.fps / config.skip
-    statistics = _statistics(job, source)
+    slots, aside = split_slots(len(source), config.held_out, job.seed)
+    statistics = _statistics(job, source, slots)
     policy = build_policy(choice, features, job.seed)
     transfer = _transfer(job, policy, features, fps)
     common = config.model_dump(mode="json", include=set(TrainConfig.model_fields) - _SPEED_ONLY)
@@ -148,7 +151,7 @@ def train(config: TrainConfig, job: Job, choice: Choice, source: Source, machine
         "device": machine.device,
         "precision": machine.precision,
         "threads": machine.threads,
-        "data": {"digest": source.digest, "episodes": len(source)},
+        "data": {"digest": source.digest, "episodes": len(slots)},
         "transfer": transfer,
     }
     training = Training(
@@ -156,13 +159,14 @@ def train(config: TrainConfig, job: Job, choice: Choice, source: Source, machine
         folder=job.folder,
         config=config,
         policy=policy,
-        batches=Batches(source, features, Normaliser(statistics), config, job.seed),
-        episodes=len(source),
+        batches=Batches(source, features, Normaliser(statistics), config, job.seed, slots),
+        episodes=len(slots),
         seed=job.seed,
         machine=machine,
         header=CheckpointHeader(choice, features, fps, statistics, 0, 0, details),
         fingerprint=sha256_json({"policy": choice.model_dump(mode="json"), "fps": fps, **details}),
         team=team(),
+        held_out=HeldOut(source, aside, features, Normaliser(statistics), config) if aside else None,
     )
     return fit(training)
 
@@ -208,12 +212,12 @@ def _chunk(choice: Choice) -> int:
     return options.chunk
 
 
-def _statistics(job: Job, source: Source) -> Statistics:
+def _statistics(job: Job, source: Source, slots: Sequence[int]) -> Statistics:
     kind = job.condition.statistics
     if job.prior is None or kind == "new":
-        return statistics_of(source)
+        return statistics_of(source, slots)
     pretrained = Normaliser(read_header(job.prior).statistics).statistics
-    return pretrained if kind == "pretrained" else merge(pretrained, statistics_of(source))
+    return pretrained if kind == "pretrained" else merge(pretrained, statistics_of(source, slots))
 
 
 def _transfer(job: Job, policy: nn.Module, features: Features, fps: float) -> dict[str, Any]:

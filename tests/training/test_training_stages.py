@@ -248,3 +248,14 @@ def test_the_log_has_one_line_a_step(demos, tmp_path):
     lines = [json.loads(line) for line in (tmp_path / "scratch-s0" / "log.jsonl").read_text().splitlines()]
     assert [line["step"] for line in lines] == [1, 2, 3]
     assert {"loss", "l1", "kl"} <= lines[0].keys()
+
+
+def test_held_out_episodes_are_left_out_of_statistics_and_count(synthetic, tmp_path):
+    config = PretrainConfig(epochs=4, checkpoint_every=2, held_out=0.3, **COMMON)
+    result = pretrain_on(synthetic, config, policy=TINY_ACT, seed=3, out=tmp_path)
+    header, _ = header_and_tensors(tmp_path)
+    assert header.details["data"]["episodes"] == 4
+    assert header.statistics != statistics_in(synthetic)
+    lines = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
+    assert [line["step"] for line in lines if "held_out_l1" in line] == [1, 2]
+    assert {"held_out_loss", "held_out_l1", "held_out_kl"} <= set(result["metrics"])

@@ -1,0 +1,89 @@
+"""The loss on episodes that a training never sees."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+import torch
+
+from geoprior.policies.normalise import Normaliser, normalise_images
+from geoprior.training.data import chunk_steps
+from geoprior.training.frames import stack_cameras
+
+if TYPE_CHECKING:
+    from torch import nn
+
+    from geoprior.policies.policy import Batch, Features, Policy
+    from geoprior.sources.source import Source
+    from geoprior.training.config import TrainConfig
+    from geoprior.training.machine import Machine
+
+PREFIX = "held_out_"
+MOMENTS = 4
+"""Time steps of each episode, evenly spread."""
+
+_SEED = 0
+"""What a policy draws in its loss is the same at every checkpoint."""
+
+
+class HeldOut:
+    """Judges a policy by moments of held-out episodes, without noise, shifts or dropout.
+
+    Args:
+        source: Where the episodes come from; those of its first epoch are taken.
+        slots: Of the held-out episodes.
+        features: Chunk and cameras.
+        normaliser: Of the training.
+        config: Batch size and skip.
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        slots: Sequence[int],
+        features: Features,
+        normaliser: Normaliser,
+        config: TrainConfig,
+    ) -> None:
+        self._source, self._features, self._normaliser = source, features, normaliser
+        self._config = config
+        self._slots = np.repeat(slots, MOMENTS)
+        self._lengths = np.array([len(source.poses[slot]) for slot in self._slots])
+        spread = (np.tile(np.arange(MOMENTS), len(slots)) + 0.5) / MOMENTS
+        self._times = (spread * self._lengths).astype(np.int64)
+
+    def measure(self, policy: nn.Module, machine: Machine) -> dict[str, float]:
+        """The policy's scalars, their names prefixed, over all moments alike."""
+        policy.eval()
+        torch.manual_seed(_SEED)
+        sums: dict[str, float] = {}
+        for batch in self._batches():
+            moved = cast("Batch", {name: value.to(machine.device) for name, value in batch.items()})  # type: ignore[attr-defined]
+            with (
+                torch.no_grad(),
+                torch.autocast(machine.device, torch.bfloat16, enabled=machine.precision == "bf16"),
+            ):
+                _, scalars = cast("Policy", policy).loss(moved)
+            for name, value in scalars.items():
+                weight = len(batch["pose"]) / len(self._slots)
+                sums[PREFIX + name] = sums.get(PREFIX + name, 0.0) + weight * float(value)
+        policy.train()
+        return sums
+
+    def _batches(self) -> Iterator[Batch]:
+        size = self._config.batch_size
+        for first in range(0, len(self._slots), size):
+            rows = slice(first, first + size)
+            steps, valid = chunk_steps(
+                self._times[rows], self._lengths[rows], self._features.chunk, self._config.skip
+            )
+            moments = self._source.read(self._slots[rows], steps)
+            frames = stack_cameras(moments.frames, self._features.cameras)
+            yield {
+                "pose": torch.from_numpy(self._normaliser.normalise("pose", moments.pose)),
+                "images": normalise_images(torch.from_numpy(np.ascontiguousarray(frames))),
+                "action": torch.from_numpy(self._normaliser.normalise("action", moments.action)),
+                "valid": torch.from_numpy(valid),
+            }
