@@ -335,6 +335,37 @@ def shards_preview(path: Path, out: Path | None, rows: int, columns: int) -> Non
     click.echo(str(preview(path, out, rows, columns)))
 
 
+@cli.group("export")
+def export_group() -> None:
+    """Give a checkpoint to other software."""
+
+
+@export_group.command("lerobot-policy")
+@click.argument("checkpoint", type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="A folder that is new or empty.")
+@click.option(
+    "--execute", type=int, help="Actions of a chunk before LeRobot looks again; all of them by default."
+)
+@click.option(
+    "--ensembling",
+    type=float,
+    help="Coefficient of temporal ensembling, for which LeRobot looks at each step.",
+)
+def export_lerobot_policy(checkpoint: Path, out: Path, execute: int | None, ensembling: float | None) -> None:
+    """Write a checkpoint of ACT as a folder that LeRobot 0.4.4's ACTPolicy.from_pretrained loads.
+
+    
+      geoprior export lerobot-policy runs/quickstart/checkpoints/finetune/prior-s0/epoch-000192.safetensors \
+        --out exported
+    With it go LeRobot's pre- and post-processors, and observations with the actions that geoprior says to
+    them: benchmarks/check_lerobot_export.py compares, where LeRobot is installed.
+    """
+    from geoprior.policies.export_lerobot import export_lerobot
+
+    for path in export_lerobot(checkpoint, out, execute, ensembling):
+        click.echo(str(path))
+
+
 @cli.command()
 @click.argument("name", metavar="NAME")
 @click.option("--quick", is_flag=True, help="Less data, no goals: does it work, and about how fast?")
@@ -347,6 +378,7 @@ def bench(name: str, quick: bool, as_json: bool) -> None:  # noqa: FBT001
       generate  the paper's geometric data set, against the bare kernels and MuJoCo's renderer
       stream    how long a trainer waits for the endless source
       rollout   control steps a second with both cameras drawn, against robosuite's own loop
+      demos     20 demonstrations of each of the paper's arms and tasks
     Leave the machine alone meanwhile: whatever else runs is measured too.
     """  # noqa: D301
     from geoprior.bench.catalogue import as_lines, run
