@@ -20,7 +20,7 @@ from geoprior.stages import DEMOS
 
 ROBOTS = ("ur5e", "xarm7", "kinova3")
 TASKS = ("pick", "place", "push", "pile", "door")
-EPISODES, SIZE, FIRST_STATE = 20, 128, 20_000
+EPISODES, SIZE, FIRST_STATE = 20, 96, 20_000
 GOAL = 30.0
 
 

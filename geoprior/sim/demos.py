@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 ATTEMPTS = "attempts.json"
 SCRATCH = "attempts"
+ENOUGH = "enough"
+"""A file among the notes that calls off the attempts which are queued in workers already."""
 SOURCE = "simulated"
 
 
@@ -145,7 +147,12 @@ def collect(
 
 
 def attempt(task: AttemptTask) -> Attempt:
-    """Make one attempt; a success is a shard on disk when this returns, and either is a note."""
+    """Make one attempt; a success is a shard on disk when this returns, and either is a note.
+
+    An attempt that is called off leaves nothing, and nobody reads what it returns.
+    """
+    if task.note.with_name(ENOUGH).exists():
+        return Attempt(task.number, task.state_seed, success=False, reason="", steps=0, recipe=task.recipe)
     env = environment(task.setup, task.control_rate)
     episode, reason, steps = record_expert(env, task)
     if episode is not None:
@@ -216,6 +223,8 @@ def _header(env: Environment, task: AttemptTask, steps: int) -> EpisodeHeader:
 def _run(tasks: list[AttemptTask], done: dict[int, Attempt], wanted: int, executor: Executor) -> None:
     """Attempt in order until enough of the first ones are known to have succeeded."""
     missing = [task for task in tasks if task.number not in done]
+    enough = tasks[0].note.with_name(ENOUGH)
+    enough.unlink(missing_ok=True)
     with track("demos", wanted, "demonstrations", done=len(_taken(done, wanted))) as progress:
         if len(_taken(done, wanted)) >= wanted or not missing:
             return
@@ -226,6 +235,7 @@ def _run(tasks: list[AttemptTask], done: dict[int, Attempt], wanted: int, execut
                 done[missing[position].number] = result
                 progress.advance(len(_taken(done, wanted)) - before, failed=_failures(done))
                 if len(_taken(done, wanted)) >= wanted:
+                    enough.touch()
                     return
         finally:
             # What runs ahead of the last demonstration wanted is called off.

@@ -18,7 +18,7 @@ def test_each_combination_has_its_goal(monkeypatch):
     metrics = [metric for metric in measure() if metric.goal is not None]
     assert len(metrics) == len(ROBOTS) * len(TASKS) == 15
     assert [metric.metric for metric in metrics if not metric.met] == [
-        f"20 demonstrations of door on {robot}, both views 128x128" for robot in ROBOTS
+        f"20 demonstrations of door on {robot}, both views 96x96" for robot in ROBOTS
     ]
 
 

@@ -99,3 +99,27 @@ def test_two_spawned_workers_make_the_same_bytes(tmp_path, cameras):
     _collect(tmp_path / "serial", SerialExecutor(), cameras, config)
     _collect(tmp_path / "pool", LocalExecutor(LocalConfig(workers=2)), cameras, config)
     assert _bytes(tmp_path / "pool") == _bytes(tmp_path / "serial")
+
+
+class RunsAhead:
+    """Has queued all its work when it is called off, as a pool's workers have some of it."""
+
+    def __init__(self) -> None:
+        self.late: list[demos.Attempt] = []
+
+    def run(self, function, items):
+        items = iter(enumerate(items))
+        try:
+            for position, item in items:
+                yield position, function(item)
+        finally:
+            self.late = [function(item) for _, item in items]
+
+
+def test_attempts_that_are_queued_when_there_are_enough_leave_nothing(fast_episodes, tmp_path, cameras):
+    _collect(tmp_path / "serial", SerialExecutor(), cameras)
+    executor = RunsAhead()
+    _collect(tmp_path / "ahead", executor, cameras)
+    assert executor.late
+    assert {attempt.steps for attempt in executor.late} == {0}
+    assert _bytes(tmp_path / "ahead") == _bytes(tmp_path / "serial")
