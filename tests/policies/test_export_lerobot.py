@@ -8,8 +8,10 @@ import json
 import numpy as np
 import pytest
 import torch
+from click.testing import CliRunner
 from safetensors.torch import load_file, save_file
 
+from geoprior.cli import cli
 from geoprior.errors import ConfigError, DataError
 from geoprior.options import Choice
 from geoprior.policies.act._network import ActNetwork
@@ -159,3 +161,15 @@ def test_a_folder_in_use_is_left_alone(make_checkpoint, tmp_path):
     with pytest.raises(DataError, match="not an empty folder"):
         export_lerobot(make_checkpoint(), tmp_path / "out")
     assert [file.name for file in (tmp_path / "out").iterdir()] == ["mine"]
+
+
+def test_the_command_writes_the_folder_and_names_what_is_missing(make_checkpoint, tmp_path):
+    runner = CliRunner()
+    arguments = ["export", "lerobot-policy", str(make_checkpoint()), "--out", str(tmp_path / "out")]
+    done = runner.invoke(cli, [*arguments, "--execute", "3"])
+    assert done.exit_code == 0, done.output
+    assert str(tmp_path / "out" / "config.json") in done.output.splitlines()
+    assert json.loads((tmp_path / "out" / "config.json").read_text())["n_action_steps"] == 3
+    again = runner.invoke(cli, arguments)
+    assert isinstance(again.exception, DataError)
+    assert "not an empty folder" in str(again.exception)

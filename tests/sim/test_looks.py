@@ -46,32 +46,38 @@ def test_there_are_four_shifts():
     assert {"repainted", "other-light", "moved-camera", "distractors"} <= set(SHIFTS)
 
 
-@pytest.mark.parametrize("look", SHIFTS)
-def test_physics_feels_nothing_of_a_look(looked_at, look):
+@pytest.fixture(scope="module")
+def plain(ur5e, cameras):
+    """States of an episode, and its first frames."""
+    env = environment(Setup(ur5e, Choice(name="pick"), cameras), 10)
+    return _states(env, 6), _frames(env, 6)
+
+
+@pytest.fixture(scope="module", params=SHIFTS)
+def shifted(request, plain, ur5e, cameras):
+    """Each look in turn, built once."""
+    return environment(Setup(ur5e, Choice(name="pick"), cameras, Choice(name=request.param)), 10)
+
+
+def test_physics_feels_nothing_of_a_look(shifted, plain):
     """Through the grasp of the cube, to the bit."""
-    plain = _states(looked_at("plain"), 6)
-    assert np.array_equal(_states(looked_at(look), 6), plain)
+    assert np.array_equal(_states(shifted, 6), plain[0])
 
 
-@pytest.mark.parametrize("look", SHIFTS)
-def test_a_look_changes_the_pictures_and_is_the_seeds(looked_at, look):
-    plain = _frames(looked_at("plain"), 6)
-    env = looked_at(look)
-    first = _frames(env, 6)
-    assert (np.abs(first[1].astype(int) - plain[1]).max(axis=-1) > 20).mean() > 0.01
-    other = _frames(env, 7)
+def test_a_look_changes_the_pictures_and_is_the_seeds(shifted, plain):
+    first = _frames(shifted, 6)
+    assert (np.abs(first[1].astype(int) - plain[1][1]).max(axis=-1) > 20).mean() > 0.01
+    other = _frames(shifted, 7)
     assert not np.array_equal(other, first)
-    np.testing.assert_array_equal(_frames(env, 6), first)
+    np.testing.assert_array_equal(_frames(shifted, 6), first)
 
 
-def test_nothing_of_an_episodes_look_is_left_in_the_next(looked_at):
+def test_nothing_of_an_episodes_look_is_left_in_the_next(shifted):
     """Twenty episodes later the lamp is no weaker and the camera no farther away."""
-    for look in SHIFTS:
-        env = looked_at(look)
-        first = _frames(env, 3)
-        for seed in range(20):
-            env.reset(seed)
-        np.testing.assert_array_equal(_frames(env, 3), first)
+    first = _frames(shifted, 3)
+    for seed in range(20):
+        shifted.reset(seed)
+    np.testing.assert_array_equal(_frames(shifted, 3), first)
 
 
 @pytest.mark.parametrize("look", ["plain", "moved-camera"])
@@ -86,7 +92,7 @@ def test_headers_say_where_the_camera_really_is(looked_at, look):
     np.testing.assert_allclose(said[:3, :3] @ flip, env._data.cam_xmat[camera].reshape(3, 3), atol=1e-9)
 
 
-@pytest.mark.parametrize(("distance", "angle"), [(0.04, 3.0), (0.0, 6.0), (0.1, 0.0)])
+@pytest.mark.parametrize(("distance", "angle"), [(0.04, 3.0), (0.1, 0.0)])
 def test_the_camera_is_moved_as_far_as_was_said(looked_at, distance, angle):
     plain = looked_at("plain").world
     world = looked_at("moved-camera", distance=distance, angle=angle)
