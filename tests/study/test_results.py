@@ -167,7 +167,9 @@ def test_robots_are_told_apart():
 
 def test_a_missing_trial_would_tear_a_pair():
     with pytest.raises(DataError, match=r"'prior' at epoch 512 lacks .* seed 0 on initial state 1029"):
-        summarise([t for t in simulate() if t.key != ("ur5e", "pick", "plain", "prior", 0, 512, 1029)], seed=0)
+        summarise(
+            [t for t in simulate() if t.key != ("ur5e", "pick", "plain", "prior", 0, 512, 1029)], seed=0
+        )
 
 
 def test_no_trials_are_no_results():
