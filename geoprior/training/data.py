@@ -115,7 +115,7 @@ class Batches:
 
         They are read ahead by a thread if the config says so.
         """
-        wanted = [(step, part) for step in range(first, last) for part in parts]
+        wanted = ((step, part) for step in range(first, last) for part in parts)
         if self._config.prefetch == 0:
             yield from starmap(self.batch, wanted)
             return

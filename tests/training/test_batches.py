@@ -150,3 +150,12 @@ def test_statistics_are_those_of_the_raw_rows(fake_store):
     rows = np.concatenate([episode.action for episode in fake_store.episodes]).astype(np.float64)
     np.testing.assert_allclose(statistics["action"].mean, rows.mean(0), atol=1e-12)
     assert statistics["pose"].count == len(rows)
+
+
+def test_a_stream_without_an_end_can_be_begun(fake_store):
+    """Nothing is laid out in advance: a benchmark asks for more steps than memory has room for."""
+    for prefetch in (0, 2):
+        batches, _ = make_batches(fake_store, prefetch=prefetch)
+        stream = batches.stream(0, 10**15)
+        assert same(next(stream), batches.batch(0))
+        stream.close()
