@@ -82,6 +82,11 @@ def _result(future: Future[Result]) -> Result:
 def prepare_worker(parent: int) -> None:
     """Leave Ctrl-C to the parent, use one core, and do not outlive the parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    end_with_parent(parent)
+
+
+def end_with_parent(parent: int) -> None:
+    """End this process, from a thread, when its parent is gone, however that ended."""
     threading.Thread(target=_end_with_parent, args=(parent,), daemon=True).start()
 
 

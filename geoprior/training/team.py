@@ -20,6 +20,7 @@ import torch
 from torch import distributed
 
 from geoprior.errors import ConfigError
+from geoprior.executors.local import end_with_parent
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -98,6 +99,7 @@ def team() -> Team:
         torch.cuda.set_device(int(os.environ["LOCAL_RANK"]))
     distributed.init_process_group("cpu:gloo,cuda:nccl" if on_gpus else "gloo", timeout=_PATIENCE)
     atexit.register(distributed.destroy_process_group)
+    end_with_parent(os.getppid())
     return Team(int(os.environ["RANK"]), size, local_size)
 
 
