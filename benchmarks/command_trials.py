@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import geoprior.sim
+from geoprior.bench.demos import ROBOTS, TASKS
 from geoprior.bench.metrics import Metric, as_lines, report
 from geoprior.executors.local import LocalConfig, LocalExecutor
 from geoprior.files import sha256_file, sha256_json, write_json
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
     from geoprior.sim.environment import Environment
 
 CONTROL_RATE = 10
-PAPER = {"robot": ("ur5e", "xarm7", "kinova3"), "task": ("pick", "place", "push", "pile", "door")}
+PAPER = {"robot": ROBOTS, "task": TASKS}
 """Section IV-A of the paper."""
 
 

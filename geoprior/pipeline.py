@@ -40,17 +40,17 @@ def follow_stages(config: RunConfig, path: Path, names: Sequence[str], plugins: 
         GeopriorError: A training failed; it did so in all processes.
     """
     for stage in STAGES:
-        if stage.name in names and stage.together and _all_run(lambda: True):
+        if stage.name in names and stage.together and _all_run(run=True):
             stage.run(config, Workplace(path, plugins))
 
 
-def _all_run(decide: Callable[[], bool]) -> bool:
-    """Whether the processes of torchrun run a stage; the first one decides. Alone, nothing is imported."""
+def _all_run(*, run: bool) -> bool:
+    """What the first of torchrun's processes says of a stage. Alone, nothing is imported."""
     if not is_one_of_several():
-        return decide()
+        return run
     from geoprior.training.team import team
 
-    return bool(team().agree(decide))
+    return bool(team().agree(lambda: run))
 
 
 def is_one_of_several() -> bool:
@@ -70,7 +70,7 @@ def _run_stage(folder: RunFolder, stage: Stage, plugins: Plugins, say: Callable[
         if old.status == "done" and folder.is_whole(old):
             say(f"{stage.name}: done before, skipped")
             if stage.together:
-                _all_run(lambda: False)
+                _all_run(run=False)
             return
         say(f"{stage.name}: goes on")
     elif old is not None:
@@ -78,7 +78,7 @@ def _run_stage(folder: RunFolder, stage: Stage, plugins: Plugins, say: Callable[
         clear(folder, stage)
     folder.write_record(begun)
     if stage.together:
-        _all_run(lambda: True)
+        _all_run(run=True)
     done = _execute(folder, stage, begun, plugins)
     folder.write_record(done)
     _write_run_file(folder, plugins)

@@ -24,6 +24,7 @@ from geoprior.sim.worlds import (
     small_cable,
     stack,
     tabletop,
+    vessel_world,
 )
 
 ROOT = Path(__file__).parents[1]
@@ -41,7 +42,7 @@ SAID = {
         f"{np.degrees(tabletop.START_YAW):.0f} degrees",
     ],
     "How a trial is judged": [
-        f"{np.degrees(np.arccos(pile.LYING)):.0f} degrees",
+        f"{np.degrees(np.arccos(vessel_world.LYING)):.0f} degrees",
         f"{tabletop.REST_SPEED} m ",
         f"{tabletop.REST_TURNING} rad ",
     ],

@@ -15,17 +15,29 @@ SIMULATION_RATE = 500
 _NINE_TASKS = ("pick", "place", "push", "pile", "door", "can", "stack", "close", "cable")
 
 
-class DemosConfig(Options):
+class CollectConfig(Options):
+    """What any collection of scripted demonstrations is told."""
+
+    attempts_per_episode: int = Field(
+        3, ge=1, le=100, description="Attempts allowed for each demonstration wanted, over all of a task's."
+    )
+    control_rate: int = Field(10, ge=1, le=SIMULATION_RATE, description="Commands a second; divides 500.")
+
+    @field_validator("control_rate")
+    @classmethod
+    def _divides(cls, rate: int) -> int:
+        if SIMULATION_RATE % rate:
+            raise ValueError(f"must divide {SIMULATION_RATE}: 10, 20, 25 and 50 do")
+        return rate
+
+
+class DemosConfig(CollectConfig):
     """Scripted demonstrations in simulation."""
 
     episodes: int = Field(20, ge=1, le=100_000, description="Successful demonstrations to collect.")
     first_state: int = Field(
         0, ge=0, lt=2**62, description="Initial-state seed of the first attempt; the next ones count on."
     )
-    attempts_per_episode: int = Field(
-        3, ge=1, le=100, description="Attempts allowed for each demonstration wanted, over all of them."
-    )
-    control_rate: int = Field(10, ge=1, le=SIMULATION_RATE, description="Commands a second; divides 500.")
     look: Choice = Field(default=Choice(name="plain"), description="How the world looks to the cameras.")
 
     @property
@@ -33,13 +45,8 @@ class DemosConfig(Options):
         """Attempts allowed in all: the initial states from ``first_state`` on that may be used."""
         return self.episodes * self.attempts_per_episode
 
-    @field_validator("control_rate")
-    @classmethod
-    def _divides(cls, rate: int) -> int:
-        return _require_divisor(rate)
 
-
-class SameEnvironmentConfig(Options):
+class SameEnvironmentConfig(CollectConfig):
     """Demonstrations of many tasks in simulation: the paper's other prior, learned where it is used."""
 
     robot: Choice = Field(default=Choice(name="ur5e"), description="The arm; the paper's is the UR.")
@@ -55,20 +62,11 @@ class SameEnvironmentConfig(Options):
         lt=2**62,
         description="Initial-state seed of every task's first attempt; the next ones count on.",
     )
-    attempts_per_episode: int = Field(
-        3, ge=1, le=100, description="Attempts allowed for each demonstration wanted, over all of a task's."
-    )
-    control_rate: int = Field(10, ge=1, le=SIMULATION_RATE, description="Commands a second; divides 500.")
 
     @property
     def max_attempts(self) -> int:
         """Initial states from ``first_state`` on that a task may use at most."""
         return -(-self.episodes // len(self.tasks)) * self.attempts_per_episode
-
-    @field_validator("control_rate")
-    @classmethod
-    def _divides(cls, rate: int) -> int:
-        return _require_divisor(rate)
 
     @model_validator(mode="after")
     def _refuse_a_share_of_nothing(self) -> Self:
@@ -116,7 +114,7 @@ class EvaluateConfig(Options):
         ge=1,
         le=256,
         description="Trials that run side by side in a worker, so that the policy looks for all of them at "
-        "once. Each has an environment of its own, some 60 MiB.",
+        "once. Each has an environment of its own.",
     )
     films: int = Field(
         2, ge=0, le=100, description="Trials to film of every condition's last checkpoint, the first ones."
@@ -129,9 +127,3 @@ class EvaluateConfig(Options):
     def states(self) -> range:
         """The initial-state seeds."""
         return range(self.first_state, self.first_state + self.trials)
-
-
-def _require_divisor(rate: int) -> int:
-    if SIMULATION_RATE % rate:
-        raise ValueError(f"must divide {SIMULATION_RATE}: 10, 20, 25 and 50 do")
-    return rate

@@ -21,7 +21,7 @@ from geoprior.training.order import SampleOrder
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from geoprior.sources.source import Source
+    from geoprior.sources.source import Moments, Source
     from geoprior.training.config import TrainConfig
 
 
@@ -103,12 +103,7 @@ class Batches:
         frames = stack_cameras(moments.frames, self._features.cameras)
         if self._config.image_shift:
             frames = shift_frames(frames, self._config.image_shift, rng)
-        return {
-            "pose": torch.from_numpy(self._normaliser.normalise("pose", moments.pose)),
-            "images": normalise_images(add_noise(frames, self._config.image_noise, rng)),
-            "action": torch.from_numpy(self._normaliser.normalise("action", moments.action)),
-            "valid": torch.from_numpy(valid),
-        }
+        return make_batch(moments, add_noise(frames, self._config.image_noise, rng), valid, self._normaliser)
 
     def stream(self, first: int, last: int, parts: Sequence[int] = (0,)) -> Generator[Batch, None, None]:
         """Some microbatches of each of the steps ``first .. last - 1``, one after the other.
@@ -131,6 +126,25 @@ class Batches:
             finally:
                 for future in ahead:
                     future.cancel()
+
+
+def make_batch(
+    moments: Moments, frames: torch.Tensor, valid: NDArray[np.bool_], normaliser: Normaliser
+) -> Batch:
+    """Normalise what a policy learns from.
+
+    Args:
+        moments: As the source gives them; their frames are not looked at.
+        frames: (B, cameras, H, W, C) as recorded, perhaps noisy.
+        valid: (B, C) whether an action lies within its episode.
+        normaliser: Of the training.
+    """
+    return {
+        "pose": torch.from_numpy(normaliser.normalise("pose", moments.pose)),
+        "images": normalise_images(frames),
+        "action": torch.from_numpy(normaliser.normalise("action", moments.action)),
+        "valid": torch.from_numpy(valid),
+    }
 
 
 def _number(step: int, part: int, parts: int) -> tuple[int, ...]:

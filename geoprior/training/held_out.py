@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 import torch
 
-from geoprior.policies.normalise import Normaliser, normalise_images
-from geoprior.training.data import chunk_steps
+from geoprior.training.data import chunk_steps, make_batch
 from geoprior.training.frames import stack_cameras
 
 if TYPE_CHECKING:
     from torch import nn
 
+    from geoprior.policies.normalise import Normaliser
     from geoprior.policies.policy import Batch, Features, Policy
     from geoprior.sources.source import Source
     from geoprior.training.config import TrainConfig
@@ -81,9 +81,5 @@ class HeldOut:
             )
             moments = self._source.read(self._slots[rows], steps)
             frames = stack_cameras(moments.frames, self._features.cameras)
-            yield {
-                "pose": torch.from_numpy(self._normaliser.normalise("pose", moments.pose)),
-                "images": normalise_images(torch.from_numpy(np.ascontiguousarray(frames))),
-                "action": torch.from_numpy(self._normaliser.normalise("action", moments.action)),
-                "valid": torch.from_numpy(valid),
-            }
+            without_noise = torch.from_numpy(np.ascontiguousarray(frames))
+            yield make_batch(moments, without_noise, valid, self._normaliser)

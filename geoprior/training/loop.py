@@ -126,6 +126,7 @@ def _run(training: Training) -> dict[str, Any]:
     saved = time.monotonic()
     begun = saved - progress.seconds
     due = _checkpoint_steps(training)
+    judged: dict[str, float] | None = None
     batch_size, parts = config.batch_size, training.team.share_of(config.microbatches)
     with (
         closing(training.batches.stream(progress.step, training.steps, parts)) as batches,
@@ -156,12 +157,12 @@ def _run(training: Training) -> dict[str, Any]:
         "steps": progress.step,
         "samples": progress.step * batch_size,
         "seconds": round(progress.seconds, 3),
-        "metrics": {**progress.averages, **(_judge(training) if training.team.leads else {})},
+        "metrics": {**progress.averages, **(_judge(training) if judged is None else judged)},
     }
 
 
 def _judge(training: Training) -> dict[str, float]:
-    if training.held_out is None:
+    if training.held_out is None or not training.team.leads:
         return {}
     return training.held_out.measure(training.policy, training.machine)
 

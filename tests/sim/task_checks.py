@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from itertools import chain, islice, repeat
+from pathlib import Path
 
 import numpy as np
 
 from geoprior.geometry.projection import View
 from geoprior.geometry.se3 import invert
+from geoprior.options import Choice
+from geoprior.shards.episode import validate_poses
+from geoprior.sim.demos import AttemptTask, record_expert
 from geoprior.sim.environment import Environment, UnstablePhysicsError
 from geoprior.sim.judge import Judge
+from geoprior.sim.workers import Setup
 from geoprior.sim.worlds.tabletop import TABLE_TOP
 
 STATE = ("qpos", "qvel", "qacc_warmstart", "ctrl", "time")
@@ -38,6 +43,18 @@ def corners_of(env: Environment, prefix: str) -> np.ndarray:
         for geom in drawn
     ]
     return np.concatenate(boxes) - TABLE_TOP
+
+
+def demonstrate(env: Environment, number: int, state: int) -> int:
+    """A demonstration succeeds and obeys the episode contract; returns its commands."""
+    setup = Setup(Choice(name=env.robot.name), Choice(name=env.task.name), env.cameras)
+    task = AttemptTask(number, state, setup, env.control_rate, 0, Path("unused"))
+    episode, reason, steps = record_expert(env, task)
+    assert episode is not None, (number, reason)
+    episode.validate()
+    validate_poses(episode.header, "action", episode.action)
+    assert set(episode.action[:, 7]) == {0.0, 1.0}
+    return steps
 
 
 def hold(env: Environment, steps: int) -> None:

@@ -62,7 +62,7 @@ def _carry(
     course: Course, world: CableWorld, speed: float, rng: np.random.Generator
 ) -> Iterator[NDArray[np.float32]]:
     """Up, and over the area by a way that bows to one side; the plug comes to point more along the way."""
-    here, down = _now(course), Rotation.from_quat(course.last[3:7])
+    here, down = course.target(), Rotation.from_quat(course.last[3:7])
     way = np.array([*-world.plug_from_area()[:2], 0.0])
     turned = hand_down(yaw_of(course.last) + rng.uniform(0.5, 1.0) * _turn_to(way, world))
     sideways = rng.uniform(-0.15, 0.15) * np.array([-way[1], way[0], 0.0])
@@ -95,20 +95,16 @@ def _lay(
         yield from course.rest(patience=8)
         ahead = world.transform_plug_to_workspace()[:2, 0]
         lacking = gain * (aim - world.plug_from_area()[:2]) - back * ahead
-        target = _now(course) + np.array([*lacking, height - world.plug_clearance()])
+        target = course.target() + np.array([*lacking, height - world.plug_clearance()])
         yield from course.go(Waypoint(target, turned, 1.0, share * speed))
     yield from course.rest(patience=4)
 
 
 def _leave(course: Course, speed: float, rng: np.random.Generator) -> Iterator[NDArray[np.float32]]:
     """Open, up, and stay."""
-    here, down = _now(course), Rotation.from_quat(course.last[3:7])
+    here, down = course.target(), Rotation.from_quat(course.last[3:7])
     up = np.array([0.0, 0.0, rng.uniform(0.06, 0.09)])
     yield from course.go(
         Waypoint(here, down, 0.0, speed, wait=int(rng.integers(5, 8))),
         Waypoint(here + up, down, 0.0, 0.8 * speed, wait=int(rng.integers(5, 8))),
     )
-
-
-def _now(course: Course) -> FloatArray:
-    return course.last[:3].astype(np.float64)

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from geoprior.sim.experts.course import Course
-from geoprior.sim.experts.path import Waypoint, hand_down
+from geoprior.sim.experts.path import AT_ONCE, Waypoint, eased, hand_down
 from geoprior.sim.worlds.small_door import PANEL_SIZE
 
 if TYPE_CHECKING:
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from geoprior.sim.worlds.close import CloseWorld
 
 CLOSED = 1.0
-AT_ONCE = np.inf
-"""Metres a second: a segment of one command."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +60,7 @@ def close_expert(
     yield from course.go(arc.at(before, rng.uniform(0.11, 0.16)))
     yield from course.rest(patience=int(rng.integers(3, 8)))
     steps = round((before - end) / rng.uniform(0.25, 0.38) * world.control_freq)
-    angles = [before + (end - before) * _eased(step / steps) for step in range(1, steps + 1)]
+    angles = [before + (end - before) * eased(step / steps) for step in range(1, steps + 1)]
     yield from course.go(*(arc.at(each, AT_ONCE) for each in angles))
     yield from course.rest(patience=int(rng.integers(5, 9)))
     yield from course.go(arc.at(end, AT_ONCE))
@@ -77,8 +75,3 @@ def _draw_arc(world: CloseWorld, rng: np.random.Generator) -> Arc:
     finger = 0.5 * right * np.cos(slant) + reach * np.sin(slant)
     contact = [rng.uniform(0.12, 0.18), PANEL_SIZE[1] / 2.0 + finger, rng.uniform(0.15, 0.19)]
     return Arc(world.hinge_position(), facing, np.array(contact), slant)
-
-
-def _eased(time: float) -> float:
-    """Minimum-jerk timing from 0 to 1."""
-    return time**3 * (10.0 - 15.0 * time + 6.0 * time**2)

@@ -51,6 +51,10 @@ class Course:
             if still == 2:
                 return
 
+    def target(self) -> FloatArray:
+        """(3,) where the hand was sent last, workspace frame, metres."""
+        return self.last[:3].astype(np.float64)
+
     def correction(self) -> FloatArray:
         """(3,) metres: half of what the hand lacks of where it was sent, to be added to the next command.
 

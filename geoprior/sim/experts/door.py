@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from geoprior.sim.experts.course import Course
 from geoprior.sim.experts.grasp import CLOSING_STEPS
-from geoprior.sim.experts.path import Waypoint, hand_down
+from geoprior.sim.experts.path import AT_ONCE, Waypoint, eased, hand_down
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from geoprior.geometry.se3 import FloatArray
     from geoprior.sim.worlds.door import DoorWorld
 
-AT_ONCE = np.inf
-"""Metres a second: a segment of one command."""
 
 LARGEST = 0.006
 """Metres: the longest correction of an aim."""
@@ -66,7 +64,7 @@ def _arc(last: NDArray[np.float32], world: DoorWorld, rng: np.random.Generator) 
     hinge, angle = world.hinge_position(), rng.uniform(0.42, 0.55)
     steps = round(angle / rng.uniform(0.20, 0.28) * world.control_freq)
     rotation, arm = Rotation.from_quat(last[3:7]), last[:3] - hinge
-    turns = [Rotation.from_euler("z", angle * _eased(step / steps)) for step in range(1, steps + 1)]
+    turns = [Rotation.from_euler("z", angle * eased(step / steps)) for step in range(1, steps + 1)]
     return [Waypoint(hinge + turn.apply(arm), turn * rotation, 1.0, AT_ONCE) for turn in turns]
 
 
@@ -85,8 +83,3 @@ def _slanted(handle: FloatArray, slant: float) -> Rotation:
 def _limited(correction: FloatArray) -> FloatArray:
     """No longer than `LARGEST`: a lack of centimetres is a swing of the arm, and soon over."""
     return correction * min(1.0, LARGEST / max(float(np.linalg.norm(correction)), LARGEST))
-
-
-def _eased(time: float) -> float:
-    """Minimum-jerk timing from 0 to 1."""
-    return time**3 * (10.0 - 15.0 * time + 6.0 * time**2)

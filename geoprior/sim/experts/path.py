@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 
     FloatArray = NDArray[np.float64]
 
+AT_ONCE = np.inf
+"""Metres a second: a segment of one command."""
+
 TURNING_SPEED = 1.2
 """Radians a second, the mean over a segment."""
 
@@ -68,10 +71,14 @@ def _shares(
     seconds = max(distance / waypoint.speed, angle / TURNING_SPEED)
     steps = max(1, round(seconds * control_rate))
     for step in range(1, steps + 1):
-        time = step / steps
-        yield time**3 * (10.0 - 15.0 * time + 6.0 * time**2)
+        yield eased(step / steps)
     for _ in range(waypoint.wait):
         yield 1.0
+
+
+def eased(time: float) -> float:
+    """Minimum-jerk timing (Flash and Hogan 1985) from 0 to 1."""
+    return time**3 * (10.0 - 15.0 * time + 6.0 * time**2)
 
 
 def hand_down(yaw: float) -> Rotation:

@@ -15,7 +15,6 @@ from geoprior.sim.experts.path import Waypoint, hand_down
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from geoprior.geometry.se3 import FloatArray
     from geoprior.sim.worlds.pile import PileWorld
 
 YAW_SPREAD = np.radians(25.0)
@@ -71,7 +70,7 @@ def _put(
     for height, gain, share in ((rng.uniform(0.010, 0.015), 0.5, 0.4), (0.0, 1.0, 0.25)):
         yield from course.rest(patience=10)
         lacking = np.array([*aim, height]) - world.bottle_over_can()
-        target = _now(course) + np.array([gain, gain, 1.0]) * lacking
+        target = course.target() + np.array([gain, gain, 1.0]) * lacking
         yield from course.go(Waypoint(target, down, 1.0, share * speed))
     yield from course.rest(patience=4)
 
@@ -80,12 +79,8 @@ def _leave(
     course: Course, down: Rotation, speed: float, rng: np.random.Generator
 ) -> Iterator[NDArray[np.float32]]:
     """Open, up, and stay."""
-    here, up = _now(course), np.array([0.0, 0.0, rng.uniform(0.07, 0.09)])
+    here, up = course.target(), np.array([0.0, 0.0, rng.uniform(0.07, 0.09)])
     yield from course.go(
         Waypoint(here, down, 0.0, speed, wait=int(rng.integers(6, 9))),
         Waypoint(here + up, down, 0.0, 0.8 * speed, wait=int(rng.integers(5, 8))),
     )
-
-
-def _now(course: Course) -> FloatArray:
-    return course.last[:3].astype(np.float64)

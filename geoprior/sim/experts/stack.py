@@ -14,7 +14,6 @@ from geoprior.sim.experts.path import Waypoint
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from geoprior.geometry.se3 import FloatArray
     from geoprior.sim.worlds.stack import StackWorld
 
 
@@ -49,19 +48,15 @@ def _put(
     for height, gain, share in ((rng.uniform(0.010, 0.016), 0.5, 0.5), (0.001, 1.0, 0.25)):
         yield from course.rest(patience=8)
         lacking = np.array([*aim, height]) - world.cube_over_base()
-        target = _now(course) + np.array([gain, gain, 1.0]) * lacking
+        target = course.target() + np.array([gain, gain, 1.0]) * lacking
         yield from course.go(Waypoint(target, grasp.rotation, 1.0, share * grasp.speed))
     yield from course.rest(patience=4)
 
 
 def _leave(course: Course, grasp: Grasp, rng: np.random.Generator) -> Iterator[NDArray[np.float32]]:
     """Open, up, and stay."""
-    here, up = _now(course), np.array([0.0, 0.0, rng.uniform(0.07, 0.09)])
+    here, up = course.target(), np.array([0.0, 0.0, rng.uniform(0.07, 0.09)])
     yield from course.go(
         Waypoint(here, grasp.rotation, 0.0, grasp.speed, wait=int(rng.integers(5, 8))),
         Waypoint(here + up, grasp.rotation, 0.0, 0.8 * grasp.speed, wait=int(rng.integers(5, 8))),
     )
-
-
-def _now(course: Course) -> FloatArray:
-    return course.last[:3].astype(np.float64)

@@ -13,6 +13,7 @@ from pydantic import Field
 
 from geoprior import LookSpec, hookimpl
 from geoprior.options import Options
+from geoprior.sim.looks._objects import object_geoms
 
 if TYPE_CHECKING:
     import mujoco
@@ -92,13 +93,7 @@ def _name(number: int) -> str:
 
 def _outlines(model: mujoco.MjModel, data: mujoco.MjData) -> list[tuple[FloatArray, float]]:
     """Centres (2,) and radii of circles on the table around whatever stands on it, the arm left out."""
-    found = []
-    for geom in range(model.ngeom):
-        name = model.body(model.geom_bodyid[geom]).name
-        if model.geom_bodyid[geom] == 0 or name.startswith(("robot", "gripper", "fixed_mount", "table")):
-            continue
-        found.append((data.geom_xpos[geom, :2].copy(), float(model.geom_rbound[geom])))
-    return found
+    return [(data.geom_xpos[geom, :2].copy(), float(model.geom_rbound[geom])) for geom in object_geoms(model)]
 
 
 def _free_place(rng: np.random.Generator, radius: float, taken: list[tuple[FloatArray, float]]) -> FloatArray:

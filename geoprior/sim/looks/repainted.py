@@ -13,6 +13,7 @@ from pydantic import Field
 
 from geoprior import LookSpec, hookimpl
 from geoprior.options import Options
+from geoprior.sim.looks._objects import object_geoms
 
 if TYPE_CHECKING:
     import mujoco
@@ -28,7 +29,6 @@ SURFACES = {
 
 REPEATS = {"table_visual": 2, "floor_visual": 12}
 
-_NOT_OBJECTS = ("robot", "gripper", "fixed_mount", "table")
 _TEXTURED = (0.5, 0.5, 0.5, 1.0)
 """MuJoCo takes a material's own colour where a geometry has this one."""
 
@@ -72,21 +72,14 @@ class Repainted:
             model.geom_rgba[geom] = _TEXTURED
         turn = rng.uniform(-self.config.hue, self.config.hue)
         saturation, value = 1.0 - rng.uniform(0.0, self.config.shade, 2)
-        for geom in _object_geoms(model):
+        for geom in object_geoms(model):
+            if model.geom_matid[geom] >= 0:
+                continue
             model.geom_rgba[geom, :3] = _turned(model.geom_rgba[geom, :3], turn, saturation, value)
 
 
 def _name(surface: str, picture: str) -> str:
     return f"{surface}-{picture}"
-
-
-def _object_geoms(model: mujoco.MjModel) -> list[int]:
-    names = [model.body(body).name for body in model.geom_bodyid]
-    return [
-        geom
-        for geom, name in enumerate(names)
-        if model.geom_bodyid[geom] and not name.startswith(_NOT_OBJECTS) and model.geom_matid[geom] < 0
-    ]
 
 
 def _turned(colour: FloatArray, turn: float, saturation: float, value: float) -> tuple[float, float, float]:

@@ -19,8 +19,8 @@ class RobotConfig(Options):
 
     controller: Literal["fast", "exact"] = Field(
         "fast",
-        description="`exact` steps as robosuite does, to the last bit; `fast` agrees to rounding and takes a "
-        "quarter of the time.",
+        description="`exact` steps as robosuite does, to the last bit; `fast` agrees to rounding and costs "
+        "less (`geoprior bench rollout`).",
     )
 
 

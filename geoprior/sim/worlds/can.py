@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from geoprior.sim.worlds.pile import LYING
-from geoprior.sim.worlds.tabletop import TABLE_TOP, Tabletop
+from geoprior.sim.worlds.vessel_world import VesselWorld
 from geoprior.sim.worlds.vessels import CAN_HEIGHT, CAN_RADIUS, make_can
 
 if TYPE_CHECKING:
@@ -18,7 +17,7 @@ if TYPE_CHECKING:
     from geoprior.sim.tasks.can import CanConfig
 
 
-class CanWorld(Tabletop):
+class CanWorld(VesselWorld):
     """A can to lift.
 
     Args:
@@ -48,9 +47,7 @@ class CanWorld(Tabletop):
             position: (3,) of the middle of its foot in the workspace frame, metres.
             tilt: Radians by which it leans about +x.
         """
-        turn = np.array([np.cos(tilt / 2.0), np.sin(tilt / 2.0), 0.0, 0.0])
-        self.sim.data.set_joint_qpos(self.can.joints[0], np.concatenate([TABLE_TOP + position, turn]))
-        self.sim.data.set_joint_qvel(self.can.joints[0], np.zeros(6))
+        self.put(self.can, position, tilt)
 
     def can_position(self) -> FloatArray:
         """(3,) middle of the can's foot in the workspace frame, metres."""
@@ -69,6 +66,4 @@ class CanWorld(Tabletop):
 
     def failure(self) -> str:
         """The can fell off the table or over, and the hand does not hold it."""
-        below = self.can_position()[2] < -CAN_RADIUS
-        lying = self.transform_object_to_workspace(self.can)[2, 2] < LYING
-        return "dropped" if below or (lying and not self.object_in_hand(self.can)) else ""
+        return "dropped" if self.vessel_lost(self.can) else ""

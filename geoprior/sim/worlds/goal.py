@@ -9,6 +9,7 @@ import numpy as np
 
 from geoprior.geometry.se3 import apply, invert
 from geoprior.sim.worlds.cube import CubeWorld, turn_about_z
+from geoprior.sim.worlds.placing import draw_two_places
 from geoprior.sim.worlds.tabletop import TABLE_TOP
 
 if TYPE_CHECKING:
@@ -50,10 +51,7 @@ class GoalWorld(CubeWorld):
 
     def place_objects(self, rng: np.random.Generator) -> None:
         """Anywhere in the configured rectangle, ``gap`` apart, each with any yaw."""
-        reach = np.array([self.config.range_x, self.config.range_y])
-        cube, goal = MIDDLE, MIDDLE
-        while np.linalg.norm(cube - goal) < self.config.gap:
-            cube, goal = MIDDLE + rng.uniform(-reach, reach, (2, 2))
+        cube, goal = draw_two_places(rng, MIDDLE, self.config)
         cube_yaw, goal_yaw = rng.uniform(-np.pi, np.pi, 2)
         self.put_cube(cube, cube_yaw)
         self.put_goal(goal, goal_yaw)

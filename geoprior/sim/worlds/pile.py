@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from geoprior.sim.worlds.tabletop import TABLE_TOP, Tabletop
+from geoprior.sim.worlds.placing import draw_two_places
+from geoprior.sim.worlds.vessel_world import VesselWorld
 from geoprior.sim.worlds.vessels import CAN_HEIGHT, CAN_RADIUS, make_bottle, make_can
 
 if TYPE_CHECKING:
@@ -20,14 +21,13 @@ MIDDLE = np.array([-0.04, 0.0])
 """Middle of the rectangle in the workspace frame, metres: where the third camera sees a whole pile."""
 
 UPRIGHT = np.cos(np.radians(8.0))
-LYING = np.cos(np.radians(60.0))
-"""Cosines between a vessel's axis and the vertical."""
+"""Cosine between a vessel's axis and the vertical."""
 
 ON_TOP = 0.004
 """Metres by which the bottle's foot may be higher or lower than the can's top."""
 
 
-class PileWorld(Tabletop):
+class PileWorld(VesselWorld):
     """A bottle to put onto a can.
 
     Args:
@@ -47,24 +47,9 @@ class PileWorld(Tabletop):
 
     def place_objects(self, rng: np.random.Generator) -> None:
         """Both upright in the configured rectangle, ``gap`` apart."""
-        reach = np.array([self.config.range_x, self.config.range_y])
-        bottle, can = MIDDLE, MIDDLE
-        while np.linalg.norm(bottle - can) < self.config.gap:
-            bottle, can = MIDDLE + rng.uniform(-reach, reach, (2, 2))
+        bottle, can = draw_two_places(rng, MIDDLE, self.config)
         self.put(self.bottle, np.array([*bottle, 0.0]))
         self.put(self.can, np.array([*can, 0.0]))
-
-    def put(self, vessel: Any, position: FloatArray, tilt: float = 0.0) -> None:
-        """Set a vessel up, at rest.
-
-        Args:
-            vessel: `bottle` or `can`.
-            position: (3,) of the middle of its foot in the workspace frame, metres.
-            tilt: Radians by which it leans about +x.
-        """
-        turn = np.array([np.cos(tilt / 2.0), np.sin(tilt / 2.0), 0.0, 0.0])
-        self.sim.data.set_joint_qpos(vessel.joints[0], np.concatenate([TABLE_TOP + position, turn]))
-        self.sim.data.set_joint_qvel(vessel.joints[0], np.zeros(6))
 
     def bottle_over_can(self) -> FloatArray:
         """(3,) from the middle of the can's top to that of the bottle's foot, workspace axes, metres."""
@@ -82,16 +67,8 @@ class PileWorld(Tabletop):
         """Whether the bottle's foot is on the can's top and both are upright."""
         offset = self.bottle_over_can()
         on_top = np.linalg.norm(offset[:2]) < CAN_RADIUS and abs(offset[2]) < ON_TOP
-        return bool(on_top and min(self._uprightness(each) for each in (self.bottle, self.can)) > UPRIGHT)
+        return bool(on_top and min(self.uprightness(each) for each in (self.bottle, self.can)) > UPRIGHT)
 
     def failure(self) -> str:
         """Bottle or can fell off the table or over, and the hand does not hold it."""
-        return "dropped" if any(self._lost(each) for each in (self.bottle, self.can)) else ""
-
-    def _lost(self, vessel: Any) -> bool:
-        below = self.transform_object_to_workspace(vessel)[2, 3] < -CAN_RADIUS
-        lying = self._uprightness(vessel) < LYING
-        return bool(below or (lying and not self.object_in_hand(vessel)))
-
-    def _uprightness(self, vessel: Any) -> float:
-        return float(self.transform_object_to_workspace(vessel)[2, 2])
+        return "dropped" if any(self.vessel_lost(each) for each in (self.bottle, self.can)) else ""

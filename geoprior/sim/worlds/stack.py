@@ -9,6 +9,7 @@ import numpy as np
 
 from geoprior.sim.worlds.cube import CUBE_HALF_SIZE, CubeWorld, turn_about_z
 from geoprior.sim.worlds.goal import MIDDLE
+from geoprior.sim.worlds.placing import draw_two_places
 from geoprior.sim.worlds.tabletop import TABLE_TOP
 
 from robosuite.models.objects import BoxObject  # isort: skip - after the backend is chosen
@@ -48,10 +49,7 @@ class StackWorld(CubeWorld):
 
     def place_objects(self, rng: np.random.Generator) -> None:
         """Anywhere in the configured rectangle, ``gap`` apart, each with any yaw."""
-        reach = np.array([self.config.range_x, self.config.range_y])
-        cube, base = MIDDLE, MIDDLE
-        while np.linalg.norm(cube - base) < self.config.gap:
-            cube, base = MIDDLE + rng.uniform(-reach, reach, (2, 2))
+        cube, base = draw_two_places(rng, MIDDLE, self.config)
         cube_yaw, base_yaw = rng.uniform(-np.pi, np.pi, 2)
         self.put_cube(cube, cube_yaw)
         self.put_base(base, base_yaw)
