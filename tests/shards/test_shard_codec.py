@@ -1,6 +1,9 @@
+import gc
 import io
+import sys
 import tracemalloc
 import zlib
+from concurrent.futures import ThreadPoolExecutor
 
 import cv2
 import numpy as np
@@ -186,3 +189,33 @@ def test_headers_that_are_not_json_or_not_headers_are_refused(make_episode):
         decode_header(good.replace(b'"fps":10.0', b'"fps":0'))
     with pytest.raises(ValueError, match=r"cameras\.0\.name"):
         decode_header(good.replace(b'"name":"hand"', b'"name":"../hand"'))
+
+
+class _Cycle:
+    """Garbage that runs Python when it is collected."""
+
+    def __init__(self) -> None:
+        self.itself = self
+
+    def __del__(self) -> None:
+        sum(range(3))
+
+
+def test_poses_are_decoded_in_many_threads_while_garbage_is_collected():
+    """CPython before 3.11.8 parses a literal in one thread at a time, and NumPy's header is one."""
+    data = encode_npy(np.arange(8, dtype=np.float32).reshape(2, 4))
+
+    def decode(_):
+        for _ in range(100):
+            _Cycle()
+            assert decode_npy(data)[1, 3] == 7.0
+
+    interval, thresholds = sys.getswitchinterval(), gc.get_threshold()
+    sys.setswitchinterval(1e-6)
+    gc.set_threshold(5, 1, 1)
+    try:
+        with ThreadPoolExecutor(8) as pool:
+            list(pool.map(decode, range(40)))
+    finally:
+        sys.setswitchinterval(interval)
+        gc.set_threshold(*thresholds)
