@@ -21,11 +21,11 @@ class CameraConfig(Options):
 
 
 class CamerasConfig(Options):
-    """The two views that the synthetic data, the demonstrations and the rollouts share."""
+    """The views that the synthetic data, the demonstrations and the rollouts share."""
 
     height: int = Field(96, ge=16, le=2160, description="Rows of every frame, in pixels.")
     width: int = Field(96, ge=16, le=3840, description="Columns of every frame, in pixels.")
-    hand: CameraConfig = Field(default=CameraConfig(vertical_fov=75.0), description="The camera in the hand.")
+    hand: CameraConfig = Field(default=CameraConfig(vertical_fov=75.0), description="The camera in a hand.")
     third: CameraConfig = Field(
         default=CameraConfig(vertical_fov=50.0), description="The camera that watches the scene."
     )

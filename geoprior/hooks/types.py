@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from geoprior.motions.trajectory import Trajectory
     from geoprior.policies.policy import Policy
     from geoprior.render.clouds import Cloud, Shot
+    from geoprior.scene.config import OtherConfig
     from geoprior.scene.mesh import Mesh
     from geoprior.scene.scene import Scene
     from geoprior.sim.looks.look import Look
@@ -63,7 +64,7 @@ class Primitive(Protocol):
 
 
 class Motion(Protocol):
-    """A way to move the hand, and perhaps the object with it."""
+    """A way to move the hands of a scene, and perhaps the object with them."""
 
     def plan(self, scene: Scene, steps: int, rng: np.random.Generator) -> Trajectory:
         """Plan ``steps`` poses through the scene; the scene is not changed."""
@@ -123,12 +124,27 @@ class PrimitiveSpec(Spec):
     factory: Callable[..., Primitive]
 
 
+def no_others(config: BaseModel) -> Mapping[str, OtherConfig]:
+    """The `MotionSpec.others` of a motion whose scenes have one object."""
+    del config
+    return {}
+
+
 @dataclass(frozen=True)
 class MotionSpec(Spec):
-    """``factory(config) -> Motion``"""
+    """``factory(config) -> Motion``
+
+    Attributes:
+        hands: Names of the hands that the motion moves, in pose order; its scenes hold these. All motions of
+            a data set move the same ones.
+        others: Gives, for the motion's options, the further objects of its scenes by name, and where each
+            rests. The names stand in `Scene.others`, `Trajectory.others` and `Cloud.body`.
+    """
 
     kind: ClassVar[str] = "motion"
     factory: Callable[..., Motion]
+    hands: tuple[str, ...] = ("hand",)
+    others: Callable[[Any], Mapping[str, OtherConfig]] = no_others
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from pydantic import Field
 from geoprior import MotionSpec, hookimpl
 from geoprior.motions._grasp import GraspOptions, grasp_position, reach
 from geoprior.motions._timing import approach_steps
-from geoprior.motions.trajectory import Trajectory
+from geoprior.motions.trajectory import Trajectory, way_of_hand
 
 if TYPE_CHECKING:
     from geoprior.scene.scene import Scene
@@ -42,8 +42,7 @@ class Pick:
         gripper = np.zeros(steps)
         gripper[-self.config.closed :] = 1.0
         return Trajectory(
-            transforms_hand_to_world=np.concatenate([way, np.repeat(way[-1:], held, axis=0)]),
-            gripper=gripper,
+            hands=way_of_hand(np.concatenate([way, np.repeat(way[-1:], held, axis=0)]), gripper),
             transforms_object_to_world=np.repeat(scene.object.transform_object_to_world[None], steps, axis=0),
             marker_points=None,
             phases=("approach",) * (steps - self.config.closed) + ("grasp",) * self.config.closed,

@@ -20,7 +20,7 @@ from geoprior.geometry.interpolate import bezier, rotations_about
 from geoprior.geometry.se3 import invert, make_transform
 from geoprior.motions._grasp import GraspOptions, grasp_position, reach
 from geoprior.motions._timing import PhaseOptions, approach_steps, ramp_after
-from geoprior.motions.trajectory import Trajectory
+from geoprior.motions.trajectory import Trajectory, way_of_hand
 from geoprior.scene.marker import draw_goal, marker_points
 from geoprior.scene.objects import WORLD_UP
 from geoprior.scene.ranges import LengthRange, uniform
@@ -80,8 +80,7 @@ class Place:
         gripper = np.zeros(steps)
         gripper[moving - 1 : steps - config.opened] = 1.0
         return Trajectory(
-            transforms_hand_to_world=np.concatenate([way, grasped]),
-            gripper=gripper,
+            hands=way_of_hand(np.concatenate([way, grasped]), gripper),
             transforms_object_to_world=np.concatenate([at_rest, grasped @ object_in_hand]),
             marker_points=marker_points(scene, goal, rng),
             phases=("approach",) * (moving - 1)

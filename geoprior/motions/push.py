@@ -13,7 +13,7 @@ from geoprior import MotionSpec, hookimpl
 from geoprior.geometry.interpolate import lerp, slerp
 from geoprior.geometry.se3 import cross, make_transform
 from geoprior.motions._timing import PhaseOptions, approach_steps, ramp, ramp_after
-from geoprior.motions.trajectory import Trajectory
+from geoprior.motions.trajectory import Trajectory, way_of_hand
 from geoprior.scene.marker import draw_goal, marker_points
 from geoprior.scene.objects import WORLD_UP
 from geoprior.scene.ranges import LengthRange, uniform
@@ -62,8 +62,9 @@ class Push:
         pushed = np.repeat(scene.object.transform_object_to_world[None], steps, axis=0)
         pushed[moving:, :3, 3] += shifts
         return Trajectory(
-            transforms_hand_to_world=np.concatenate([way, make_transform(rotation, behind + shifts)]),
-            gripper=np.zeros(steps),
+            hands=way_of_hand(
+                np.concatenate([way, make_transform(rotation, behind + shifts)]), np.zeros(steps)
+            ),
             transforms_object_to_world=pushed,
             marker_points=marker_points(scene, goal, rng),
             phases=("approach",) * moving + ("push",) * (steps - moving),

@@ -17,7 +17,7 @@ from pydantic import Field
 from geoprior import MotionSpec, hookimpl
 from geoprior.errors import ConfigError
 from geoprior.geometry.se3 import make_transform
-from geoprior.motions.trajectory import Trajectory
+from geoprior.motions.trajectory import Trajectory, way_of_hand
 from geoprior.options import Options
 from geoprior.scene.hand import hand_rotation
 from geoprior.scene.ranges import LengthRange, uniform
@@ -80,8 +80,7 @@ class RandomWalk:
             )
         leg = np.minimum(np.arange(steps) * legs // (steps - 1), legs - 1)
         return Trajectory(
-            transforms_hand_to_world=self._hand(scene, steps, rng),
-            gripper=self._gripper(rng)[leg],
+            hands=way_of_hand(self._hand(scene, steps, rng), self._gripper(rng)[leg]),
             transforms_object_to_world=np.repeat(scene.object.transform_object_to_world[None], steps, axis=0),
             marker_points=None,
             phases=tuple(f"leg-{number + 1}" for number in leg),

@@ -1,7 +1,7 @@
-"""The two cameras of a synthetic episode and what each of them sees.
+"""The cameras of a synthetic episode and what each of them sees.
 
-``hand`` rides on the hand and sees floor, object and marker, never the hand. ``third`` is fixed and sees
-floor, object, marker and the hand's cube.
+Each hand carries a camera that bears the hand's name. It sees floor, objects, marker and the other hands'
+cubes, never its own hand. ``third`` is fixed and sees floor, objects, marker and every hand's cube.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import numpy as np
 
 from geoprior.geometry.projection import View
 from geoprior.geometry.se3 import invert
+from geoprior.motions.trajectory import ways_of_objects
 from geoprior.render.clouds import Cloud, Shot
 from geoprior.render.packing import unpack_frames
 
@@ -19,31 +20,36 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from geoprior.hooks.types import Renderer
-    from geoprior.motions.trajectory import Trajectory
+    from geoprior.motions.trajectory import HandWay, Trajectory
+    from geoprior.scene.hand import Hand
     from geoprior.scene.scene import Scene
 
-HAND = "hand"
 THIRD = "third"
 
 
 def shots(scene: Scene, trajectory: Trajectory) -> dict[str, Shot]:
     """The shot of each camera, by name in alphabetical order."""
     world = np.eye(4)
-    seen = [
-        Cloud("floor", scene.floor.points, world),
-        Cloud("object", scene.object.points, trajectory.transforms_object_to_world),
-    ]
+    moved = ways_of_objects(scene, trajectory)
+    seen = [Cloud("floor", scene.floor.points, world)]
+    seen += [Cloud(name, each.points, moved[name]) for name, each in scene.objects.items()]
     if trajectory.marker_points is not None:
         seen.append(Cloud("marker", trajectory.marker_points, world))
-    cube = Cloud("hand", scene.hand.points, trajectory.transforms_hand_to_world)
-    lens = scene.hand_view
-    cameras = trajectory.transforms_hand_to_world @ scene.hand.transform_camera_to_hand
-    riding = View(invert(cameras), lens.intrinsics, lens.height, lens.width)
-    steps = len(trajectory.gripper)
-    return {
-        HAND: Shot(riding, tuple(seen), steps),
-        THIRD: Shot(scene.third_view, (*seen, cube), steps),
+    ways = trajectory.hands
+    cubes = {
+        name: Cloud("hand", hand.points, ways[name].transforms_hand_to_world)
+        for name, hand in scene.hands.items()
     }
+    made = {THIRD: Shot(scene.third_view, (*seen, *cubes.values()), trajectory.steps)}
+    for name, hand in scene.hands.items():
+        others = (cube for other, cube in cubes.items() if other != name)
+        made[name] = Shot(_riding(hand, ways[name]), (*seen, *others), trajectory.steps)
+    return {name: made[name] for name in sorted(made)}
+
+
+def _riding(hand: Hand, way: HandWay) -> View:
+    cameras = way.transforms_hand_to_world @ hand.transform_camera_to_hand
+    return View(invert(cameras), hand.view.intrinsics, hand.view.height, hand.view.width)
 
 
 def render(renderer: Renderer, shot: Shot) -> NDArray[np.uint8]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from geoprior.options import Options
+from geoprior.options import Choice, Options
 from geoprior.scene.ranges import DegreeRange, DistanceRange, ElevationRange, HeightRange, LengthRange
 
 
@@ -31,8 +31,23 @@ class ObjectConfig(Options):
     )
 
 
+class OtherConfig(Options):
+    """A further object of a motion's scenes: what it is, and where it rests beside the first one."""
+
+    primitives: list[Choice] = Field(
+        default=[], description="Solids, each as likely; none named: those of the data set."
+    )
+    distance: LengthRange = Field((0.12, 0.25), description="From the first object's centre, metres.")
+    gap: float = Field(
+        0.03,
+        ge=0.0,
+        le=1.0,
+        description="Least distance, seen from above, of the circles around any two objects, metres.",
+    )
+
+
 class HandConfig(Options):
-    """The hand: a cube whose front face holds the hand's origin, and the camera behind it."""
+    """Each hand: a cube whose front face holds the hand's origin, and the camera behind it."""
 
     height: LengthRange = Field((0.15, 0.45), description="Start above the floor, metres.")
     clearance: float = Field(
@@ -55,9 +70,9 @@ class HandConfig(Options):
 
 
 class ThirdCameraConfig(Options):
-    """Where the third-person camera stands, seen from the midpoint of object and hand."""
+    """Where the third-person camera stands, seen from the middle between object and hands."""
 
-    distance: LengthRange = Field((0.6, 1.3), description="To the midpoint of object and hand, metres.")
+    distance: LengthRange = Field((0.6, 1.3), description="To the middle between object and hands, metres.")
     azimuth: DegreeRange = Field((-180.0, 180.0), description="About z, from +x, degrees.")
     elevation: ElevationRange = Field((20.0, 70.0), description="Above the horizontal, degrees.")
 
@@ -72,11 +87,11 @@ class MarkerConfig(Options):
 
 
 class SceneConfig(Options):
-    """A floor, one object, a hand, and the camera that watches them."""
+    """A floor, an object, the hands, and the camera that watches them; a motion may add further objects."""
 
     floor: FloorConfig = Field(default_factory=FloorConfig, description="The floor plane.")
     object: ObjectConfig = Field(default_factory=ObjectConfig, description="The object.")
-    hand: HandConfig = Field(default_factory=HandConfig, description="The hand and its camera.")
+    hand: HandConfig = Field(default_factory=HandConfig, description="The hands and their cameras.")
     third: ThirdCameraConfig = Field(
         default_factory=ThirdCameraConfig, description="The third-person camera."
     )

@@ -1,6 +1,6 @@
-"""The hand: a cube, its start, and the camera behind it.
+"""The hands: cubes, where they start, and the camera behind each.
 
-The hand's origin is the middle of the cube's front face, where a gripper's fingertips would meet; the cube
+A hand's origin is the middle of the cube's front face, where a gripper's fingertips would meet; the cube
 lies behind it. So an origin just outside an object means a cube just outside it, and the pose means the
 same as that of a robot's grip site.
 
@@ -9,6 +9,10 @@ swings the whole frame from straight down to its forward axis by the least rotat
 along the heading this is world z made orthogonal to forward, the usual choice; unlike it, it has no
 singularity at straight down, where robots work, and two hands that point almost alike have almost the same
 quaternion.
+
+Hands share the circle about the object: seen from above and counted from +x towards +y, the first one starts
+in the first of as many equal sectors as there are hands, the next one in the next. Their cubes are of one
+size and clear of each other.
 """
 
 from __future__ import annotations
@@ -20,36 +24,44 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from geoprior.geometry.interpolate import swing_frames
-from geoprior.geometry.projection import View, in_view
-from geoprior.geometry.se3 import TRANSFORM_CAMERA_TO_HAND_AXES, cross, invert, make_transform
+from geoprior.geometry.projection import in_view
+from geoprior.geometry.se3 import TRANSFORM_CAMERA_TO_HAND_AXES, cross, make_transform
 from geoprior.scene.mesh import extents
 from geoprior.scene.ranges import uniform
 from geoprior.scene.rejection import draw_until
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+
     from numpy.typing import NDArray
 
+    from geoprior.geometry.projection import View
     from geoprior.scene.config import HandConfig
     from geoprior.scene.objects import SceneObject
 
     FloatArray = NDArray[np.float64]
 
+HAND = "hand"
+"""Name of the hand where a motion's spec names no others."""
+
 
 @dataclass(frozen=True)
 class Hand:
-    """The hand at the start of an episode.
+    """A hand at the start of an episode.
 
     Attributes:
         transform_hand_to_world: (4, 4), axes [right, up, forward].
         cube: Side of the cube, metres.
         points: (C, 3) points on the cube's surface in the hand frame; the cube spans -cube to 0 of forward.
         transform_camera_to_hand: (4, 4); the camera looks along forward with the hand's up axis up.
+        view: That camera at the start.
     """
 
     transform_hand_to_world: FloatArray
     cube: float
     points: FloatArray
     transform_camera_to_hand: FloatArray
+    view: View
 
     @property
     def position(self) -> FloatArray:
@@ -78,52 +90,71 @@ def hand_rotation(forward: FloatArray, heading: float) -> FloatArray:
     return np.asarray(swing_frames(straight_down, forward, np.ones(1))[0])
 
 
-def draw_hand(
+def draw_hands(
     config: HandConfig,
-    target: SceneObject,
+    names: Sequence[str],
+    objects: Sequence[SceneObject],
     floor_height: float,
-    lens: View,
+    camera: Callable[[FloatArray], View],
     margin: float,
     rng: np.random.Generator,
-) -> Hand:
-    """Put the hand above the floor, pointing near the object, with the object in its view.
+) -> dict[str, Hand]:
+    """Put hands above the floor, each pointing near the object, with the object in its view.
 
     Args:
         config: Ranges.
-        target: The object.
+        names: Of the hands.
+        objects: What is there. The hands point near the first one, and start above all.
         floor_height: z of the floor, metres.
-        lens: The hand camera's intrinsics and frame; its pose is not used.
+        camera: Gives a hand camera's view for its pose, (4, 4) camera to world.
         margin: See `in_view`.
         rng: Draws.
 
+    Returns:
+        The hands by name, in the order of the names.
+
     Raises:
-        ConfigError: No start has the whole object in view.
+        ConfigError: No start has the whole object in view, or there is no room for a hand beside the others.
     """
     cube = uniform(rng, config.cube)
+    points = cube_surface(cube, config.cube_points)
     mount = make_transform(TRANSFORM_CAMERA_TO_HAND_AXES, np.array([0.0, 0.0, -config.camera_distance]))
-    low = max(config.height[0], extents(target.mesh)[2] + config.clearance)
+    target = objects[0]
+    low = max(config.height[0], max(extents(each.mesh)[2] for each in objects) + config.clearance)
     heights = (low, max(low, config.height[1]))
     vertices = target.vertices
+    hands: dict[str, Hand] = {}
 
-    def draw() -> FloatArray:
+    def draw() -> Hand:
         radius, turn, aim, aim_turn = rng.random(4)
-        position = target.centre + _disc(config.offset, radius, turn)
+        position = target.centre + _disc(config.offset, radius, (len(hands) + turn) / len(names))
         position[2] = floor_height + uniform(rng, heights)
         forward = target.centre + _disc(config.aim, aim, aim_turn) - position
         heading = np.radians(rng.uniform(-config.heading_spread, config.heading_spread))
-        return make_transform(hand_rotation(forward / np.linalg.norm(forward), heading), position)
+        pose = make_transform(hand_rotation(forward / np.linalg.norm(forward), heading), position)
+        return Hand(pose, cube, points, mount, camera(pose @ mount))
 
-    def sees_object(transform_hand_to_world: FloatArray) -> bool:
-        camera = invert(transform_hand_to_world @ mount)
-        return in_view(View(camera, lens.intrinsics, lens.height, lens.width), vertices, margin)
+    def fits(hand: Hand) -> bool:
+        return in_view(hand.view, vertices, margin) and _is_clear(hand, hands.values())
 
-    transform = draw_until(
-        draw,
-        sees_object,
-        "a hand that has the whole object in view",
-        "raise scene.hand.height or cameras.hand.vertical_fov, or lower scene.hand.aim",
-    )
-    return Hand(transform, cube, cube_surface(cube, config.cube_points), mount)
+    for name in names:
+        hands[name] = draw_until(
+            draw,
+            fits,
+            "a hand that has the whole object in view",
+            "raise scene.hand.height or cameras.hand.vertical_fov, or lower scene.hand.aim",
+        )
+    return hands
+
+
+def _is_clear(hand: Hand, others: Iterable[Hand]) -> bool:
+    """Whether the ball around a hand's cube meets none of the others'."""
+    return all(np.linalg.norm(_middle(hand) - _middle(other)) > np.sqrt(3.0) * hand.cube for other in others)
+
+
+def _middle(hand: Hand) -> FloatArray:
+    """(3,) of the cube in the world."""
+    return hand.position - 0.5 * hand.cube * hand.transform_hand_to_world[:3, 2]
 
 
 def _disc(radius: float, share: float, turn: float) -> FloatArray:

@@ -1,8 +1,10 @@
-"""A whole scene, and how it is drawn: floor, object, hand, third-person camera, in this order."""
+"""A whole scene, and how it is drawn: floor, objects, hands, third-person camera, in this order."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,8 +13,8 @@ from geoprior.geometry.camera import pinhole_intrinsics
 from geoprior.geometry.projection import View, in_view
 from geoprior.geometry.se3 import apply, invert, look_at
 from geoprior.scene.floor import Floor, draw_floor
-from geoprior.scene.hand import Hand, draw_hand
-from geoprior.scene.objects import WORLD_UP, SceneObject, draw_object
+from geoprior.scene.hand import HAND, Hand, draw_hands
+from geoprior.scene.objects import OBJECT, WORLD_UP, SceneObject, draw_beside, draw_object
 from geoprior.scene.ranges import uniform
 from geoprior.scene.rejection import draw_until
 
@@ -20,7 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from geoprior.geometry.camera import CameraConfig, CamerasConfig
-    from geoprior.scene.config import MarkerConfig, SceneConfig, ThirdCameraConfig
+    from geoprior.scene.config import MarkerConfig, OtherConfig, SceneConfig, ThirdCameraConfig
     from geoprior.scene.mesh import Mesh
 
     FloatArray = NDArray[np.float64]
@@ -32,46 +34,75 @@ class Scene:
 
     Attributes:
         floor: The plane.
-        object: The object at rest.
-        hand: The hand at its start.
-        hand_view: The hand camera at its start.
+        object: The object that the hands have to do with, at rest.
+        hands: The hands at their starts, by name, in pose order.
         third_view: The fixed third-person camera.
         marker: How a motion that has a goal draws it.
         margin: What must be in a view stays this far from its edges, in frame heights.
+        others: Further objects at rest, by the names that the motion's spec gives them.
     """
 
     floor: Floor
     object: SceneObject
-    hand: Hand
-    hand_view: View
+    hands: Mapping[str, Hand]
     third_view: View
     marker: MarkerConfig
     margin: float
+    others: Mapping[str, SceneObject] = field(default_factory=dict)
+
+    @property
+    def objects(self) -> dict[str, SceneObject]:
+        """All objects, by name; `object` comes first."""
+        return {OBJECT: self.object, **self.others}
+
+    @property
+    def hand(self) -> Hand:
+        """The hand named ``hand``: the only one, unless the motion's spec names others."""
+        return self.hands[HAND]
 
 
-def draw_scene(config: SceneConfig, cameras: CamerasConfig, mesh: Mesh, rng: np.random.Generator) -> Scene:
-    """Draw a scene in which both first frames hold what they must.
+def draw_scene(
+    config: SceneConfig,
+    cameras: CamerasConfig,
+    mesh: Mesh,
+    rng: np.random.Generator,
+    hands: Sequence[str] = (HAND,),
+    others: Mapping[str, tuple[OtherConfig, Mesh]] | None = None,
+) -> Scene:
+    """Draw a scene in which the first frames hold what they must.
 
-    The hand camera has the whole object in view at the start, the third-person camera the whole object and
-    the whole hand cube.
+    Every hand's camera has the whole object in view at the start, the third-person camera all objects and all
+    of the hands' cubes.
+
+    Args:
+        config: Ranges.
+        cameras: Lenses and size of the frames.
+        mesh: The object.
+        rng: Draws.
+        hands: Names of the hands.
+        others: Further objects by name, and where each shall rest.
 
     Raises:
         ConfigError: The config leaves no room for that.
     """
     floor = draw_floor(config.floor, rng)
     target = draw_object(config.object, mesh, floor, rng)
-    lens = make_view(cameras, cameras.hand, np.eye(4))
-    hand = draw_hand(config.hand, target, floor.height, lens, config.margin, rng)
-    transform = hand.transform_hand_to_world @ hand.transform_camera_to_hand
-    third = _draw_third_view(config, cameras, target, hand, rng)
+    beside: dict[str, SceneObject] = {}
+    for name, (where, solid) in (others or {}).items():
+        there = [target, *beside.values()]
+        beside[name] = draw_beside(where, config.object.density, solid, floor, there, rng)
+    objects = [target, *beside.values()]
+    camera = partial(make_view, cameras, cameras.hand)
+    drawn = draw_hands(config.hand, hands, objects, floor.height, camera, config.margin, rng)
+    third = _draw_third_view(config, cameras, objects, list(drawn.values()), rng)
     return Scene(
         floor=floor,
         object=target,
-        hand=hand,
-        hand_view=make_view(cameras, cameras.hand, transform),
+        hands=drawn,
         third_view=third,
         marker=config.marker,
         margin=config.margin,
+        others=beside,
     )
 
 
@@ -82,10 +113,15 @@ def make_view(cameras: CamerasConfig, lens: CameraConfig, transforms_camera_to_w
 
 
 def _draw_third_view(
-    config: SceneConfig, cameras: CamerasConfig, target: SceneObject, hand: Hand, rng: np.random.Generator
+    config: SceneConfig,
+    cameras: CamerasConfig,
+    objects: Sequence[SceneObject],
+    hands: Sequence[Hand],
+    rng: np.random.Generator,
 ) -> View:
-    midpoint = 0.5 * (target.centre + hand.position)
-    needed = np.vstack([target.vertices, apply(hand.transform_hand_to_world, hand.points)])
+    midpoint = np.mean([objects[0].centre, *(hand.position for hand in hands)], axis=0)
+    cubes = [apply(hand.transform_hand_to_world, hand.points) for hand in hands]
+    needed = np.vstack([*(each.vertices for each in objects), *cubes])
 
     def draw() -> View:
         position = midpoint + _offset(config.third, rng)
@@ -94,7 +130,7 @@ def _draw_third_view(
     return draw_until(
         draw,
         lambda view: in_view(view, needed, config.margin),
-        "a third-person camera that has object and hand in view",
+        "a third-person camera that has objects and hands in view",
         "raise scene.third.distance or cameras.third.vertical_fov",
     )
 

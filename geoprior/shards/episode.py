@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 SCHEMA_VERSION: Literal[1] = 1
 POSE_FIELDS = ("x", "y", "z", "qx", "qy", "qz", "qw", "gripper")
 POSE_SIZE = len(POSE_FIELDS)
+WORLD = "world"
+"""Mount of a camera that rides on no hand."""
 
 
 class CameraHeader(Options):

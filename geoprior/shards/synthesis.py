@@ -2,40 +2,44 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from itertools import groupby
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from geoprior import __version__
+from geoprior.errors import ConfigError, PluginError
 from geoprior.files import sha256_json
-from geoprior.geometry.se3 import invert, pose_vectors
+from geoprior.geometry.se3 import invert
 from geoprior.geometry.seeding import generator
 from geoprior.hooks.manager import plugins
+from geoprior.motions.trajectory import ways_of_objects
 from geoprior.render import rig
 from geoprior.render.variation import vary
 from geoprior.scene.mesh import extents
+from geoprior.scene.objects import OBJECT
 from geoprior.scene.scene import draw_scene
-from geoprior.shards.episode import CameraHeader, Episode, EpisodeHeader
+from geoprior.shards.episode import WORLD, CameraHeader, Episode, EpisodeHeader
+from geoprior.shards.others import others_of, require_known_objects
 from geoprior.shards.sample import Sample, block_slices
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
     from geoprior.geometry.camera import CamerasConfig
     from geoprior.geometry.projection import View
-    from geoprior.hooks.types import Motion, Primitive, Renderer, Variant
+    from geoprior.hooks.types import Motion, MotionSpec, Primitive, Renderer, Variant
     from geoprior.motions.trajectory import Trajectory
     from geoprior.options import Choice
     from geoprior.render.clouds import Shot
+    from geoprior.scene.mesh import Mesh
+    from geoprior.scene.objects import SceneObject
     from geoprior.scene.scene import Scene
     from geoprior.shards.config import GenerateConfig
-
-HAND = "hand"
 
 
 @dataclass(frozen=True)
@@ -47,12 +51,14 @@ class Take:
         scene: Where it happens.
         trajectory: What happens.
         shots: What each camera sees of it, by name in alphabetical order.
+        others: What the scene's further objects are, by name.
     """
 
     primitive: Choice
     scene: Scene
     trajectory: Trajectory
     shots: Mapping[str, Shot]
+    others: Mapping[str, Choice] = field(default_factory=dict)
 
 
 class Studio:
@@ -67,16 +73,20 @@ class Studio:
         seed: Root seed.
 
     Raises:
-        ConfigError: A name or an option is unknown.
+        ConfigError: A name or an option is unknown, or the config's motions do not move the same hands.
+        PluginError: See `hands_of`.
     """
 
     def __init__(self, config: GenerateConfig, cameras: CamerasConfig, seed: int) -> None:
         self.config, self.cameras, self.seed = config, cameras, seed
         build = plugins().build
         self.renderer: Renderer = build("renderer", config.renderer)
-        self._shapes: list[Primitive] = [build("primitive", choice) for choice in config.primitives]
+        self._primitives: dict[str, Primitive] = {}
+        for choice in config.primitives:
+            self._primitive(choice)
         self._variants: list[Variant] = [build("variant", choice) for choice in config.variants]
         self._motions: dict[str, tuple[Motion, str]] = {}
+        _require_same_hands(config.motions)
 
     def stage(self, motion: Choice, index: int) -> Take:
         """Draw the scene and plan the motion of one episode, without rendering it.
@@ -87,13 +97,28 @@ class Studio:
 
         Raises:
             ConfigError: The motion or an option is unknown, or the config leaves no room for the scene.
+            PluginError: The motion plans ways for other hands or objects than its spec names.
         """
         rng = generator(self.seed, "generate", motion.name, index)
-        kind = int(rng.integers(len(self._shapes)))
-        scene = draw_scene(self.config.scene, self.cameras, self._shapes[kind].sample(rng), rng)
+        primitive, mesh = self._draw_solid(self.config.primitives, rng)
+        spec = cast("MotionSpec", plugins().spec("motion", motion.name))
+        hands, others = hands_of(motion), others_of(spec, plugins().options("motion", motion))
+        drawn = {
+            name: self._draw_solid(where.primitives or self.config.primitives, rng)
+            for name, where in others.items()
+        }
+        beside = {name: (where, drawn[name][1]) for name, where in others.items()}
+        scene = draw_scene(self.config.scene, self.cameras, mesh, rng, hands, beside)
         trajectory = self._motion(motion)[0].plan(scene, self.config.steps, rng)
+        if tuple(trajectory.hands) != hands:
+            raise PluginError(
+                f"motion {motion.name!r}: planned ways for {list(trajectory.hands)}, its spec names "
+                f"{list(hands)}"
+            )
+        require_known_objects(motion, scene, trajectory)
         shots = vary(rig.shots(scene, trajectory), self._variants)
-        return Take(self.config.primitives[kind], scene, trajectory, shots)
+        kinds = {name: choice for name, (choice, _) in drawn.items()}
+        return Take(primitive, scene, trajectory, shots, kinds)
 
     def sample(self, motion: Choice, index: int) -> Sample:
         """Make one episode as it is written; its frames are drawn when they are asked for. See `stage`."""
@@ -113,6 +138,16 @@ class Studio:
         """See `recipe`."""
         return self._motion(motion)[1]
 
+    def _draw_solid(self, choices: Sequence[Choice], rng: np.random.Generator) -> tuple[Choice, Mesh]:
+        choice = choices[int(rng.integers(len(choices)))]
+        return choice, self._primitive(choice).sample(rng)
+
+    def _primitive(self, choice: Choice) -> Primitive:
+        key = choice.model_dump_json()
+        if key not in self._primitives:
+            self._primitives[key] = plugins().build("primitive", choice)
+        return self._primitives[key]
+
     def _motion(self, motion: Choice) -> tuple[Motion, str]:
         key = motion.model_dump_json()
         if key not in self._motions:
@@ -130,7 +165,7 @@ class Studio:
         self, take: Take, motion: Choice, index: int
     ) -> tuple[EpisodeHeader, NDArray[np.float32]]:
         config = self.config
-        pose = pose_vectors(take.trajectory.transforms_hand_to_world, take.trajectory.gripper)
+        pose = take.trajectory.pose()
         header = EpisodeHeader(
             key=f"{motion.name}-{index:06d}",
             source="synthetic",
@@ -139,7 +174,7 @@ class Studio:
             seed=self.seed,
             fps=config.fps,
             steps=len(pose),
-            hands=[HAND],
+            hands=list(take.trajectory.hands),
             cameras=_camera_headers(take),
             generator=f"geoprior {__version__}",
             details=_details(take) | _named_variants(config) | {"recipe": self.recipe(motion)},
@@ -161,8 +196,35 @@ def synthesise(
     return Studio(config, cameras, seed).episode(motion, index)
 
 
+def hands_of(motion: Choice) -> tuple[str, ...]:
+    """Names of the hands that a motion moves, in pose order.
+
+    Raises:
+        ConfigError: The motion is unknown.
+        PluginError: The motion's spec names no hands, one twice, or one like the fixed camera or its mount.
+    """
+    hands: tuple[str, ...] = plugins().spec("motion", motion.name).hands  # type: ignore[attr-defined]
+    if not hands or len(set(hands)) < len(hands) or {rig.THIRD, WORLD} & set(hands):
+        raise PluginError(
+            f"motion {motion.name!r}: its spec names the hands {list(hands)}",
+            f"name each hand once, and none {rig.THIRD!r} or {WORLD!r}",
+        )
+    return hands
+
+
+def _require_same_hands(motions: Sequence[Choice]) -> None:
+    first = motions[0]
+    for motion in motions:
+        if hands_of(motion) != hands_of(first):
+            raise ConfigError(
+                f"generate.motions: {first.name} moves {list(hands_of(first))} and {motion.name} "
+                f"{list(hands_of(motion))}",
+                "name motions that move the same hands; a policy learns one kind of pose vector",
+            )
+
+
 def next_poses(pose: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Actions (N, 8): the pose at the next step; the last repeats."""
+    """Actions (N, 8 x hands): the pose at the next step; the last repeats."""
     return np.concatenate([pose[1:], pose[-1:]])
 
 
@@ -183,10 +245,12 @@ def _named_variants(config: GenerateConfig) -> dict[str, list[str]]:
 def _camera_headers(take: Take) -> list[CameraHeader]:
     scene = take.scene
     third = invert(scene.third_view.transforms_world_to_camera)
-    return [
-        _camera_header(rig.HAND, scene.hand_view, HAND, scene.hand.transform_camera_to_hand),
-        _camera_header(rig.THIRD, scene.third_view, "world", third),
+    headers = [_camera_header(rig.THIRD, scene.third_view, WORLD, third)]
+    headers += [
+        _camera_header(name, hand.view, name, hand.transform_camera_to_hand)
+        for name, hand in scene.hands.items()
     ]
+    return sorted(headers, key=lambda header: header.name)
 
 
 def _camera_header(
@@ -205,16 +269,29 @@ def _camera_header(
 
 def _details(take: Take) -> dict[str, Any]:
     scene, target = take.scene, take.scene.object
-    return {
+    ways = ways_of_objects(scene, take.trajectory)
+    details = {
         "primitive": {"name": take.primitive.name, **target.mesh.parameters},
-        "object": {
-            "extents": extents(target.mesh).tolist(),
-            "position": target.centre.tolist(),
-            "yaw": target.yaw,
-            "final_position": take.trajectory.transforms_object_to_world[-1, :3, 3].tolist(),
-        },
+        "object": _object_details(target, ways[OBJECT]),
         "floor": {"side": scene.floor.side, "height": scene.floor.height, "spacing": scene.floor.spacing},
-        "hand_cube": scene.hand.cube,
+        "hand_cube": next(iter(scene.hands.values())).cube,
         "marker": take.trajectory.marker_points is not None,
         "phases": [[name, len(list(steps))] for name, steps in groupby(take.trajectory.phases)],
+    }
+    others = {
+        name: {
+            "primitive": {"name": take.others[name].name, **other.mesh.parameters},
+            **_object_details(other, ways[name]),
+        }
+        for name, other in scene.others.items()
+    }
+    return details | ({"others": others} if others else {})
+
+
+def _object_details(drawn: SceneObject, way: NDArray[np.float64]) -> dict[str, Any]:
+    return {
+        "extents": extents(drawn.mesh).tolist(),
+        "position": drawn.centre.tolist(),
+        "yaw": drawn.yaw,
+        "final_position": way.reshape(-1, 4, 4)[-1, :3, 3].tolist(),
     }

@@ -1,4 +1,4 @@
-"""Stepping an arm by hand poses: the timing of robosuite's ``env.step``, around a law for the torques.
+"""Stepping arms by hand poses: the timing of robosuite's ``env.step``, around a law for the torques.
 
 With the law `exact`, `PoseControl.advance` leaves the simulation in the state that ``env.step`` would leave
 it in, to the last bit; with `fast`, to rounding, in a fraction of the time. Tests hold both. What both leave
@@ -47,60 +47,78 @@ LAWS: dict[str, Callable[[RobosuiteArm], TorqueLaw]] = {"exact": ExactLaw, "fast
 
 
 class PoseControl:
-    """Drives one reset robosuite environment by absolute world poses of the grip site.
+    """Drives the arms of one reset robosuite environment by absolute world poses of their grip sites.
 
     Args:
         env: Reset; make a new `PoseControl` after every reset, as robosuite makes new controllers.
-        controller: One of `LAWS`.
+        controller: One of `LAWS`, for every arm.
     """
 
     def __init__(self, env: Any, controller: str = "exact") -> None:
-        robot, gripper = env.robots[0], env.robots[0].get_gripper_name(ARM)
-        arm = RobosuiteArm.of(env)
-        self._model, self._data, self._osc = arm.model, arm.data, arm.controller
-        self._arm_actuators, self._low, self._high = arm.actuators, arm.low, arm.high
+        self._model, self._data = env.sim.model._model, env.sim.data._data
         self._substeps = int(env.control_timestep / env.model_timestep)
-        self._fingers = robot.part_controllers[gripper]
-        self._gripper = robot.gripper[ARM]
-        self._finger_actuators = as_slice(robot._ref_actuators_indexes_dict[gripper])
-        self._controls = self._data.ctrl
-        self._finger_range = self._model.actuator_ctrlrange[self._finger_actuators]
-        self._just_reset = True
-        self._law = LAWS[controller](arm)
+        self._arms = [_ArmControl(env, robot, controller) for robot in env.robots]
 
     def advance(self, action: FloatArray) -> None:
         """Run the physics for one command.
 
         Args:
-            action: (7,) robosuite's: position of the grip site in the world frame, its rotation vector,
-                and the gripper, -1 to open and 1 to close.
+            action: (7 x arms) robosuite's: for each arm the position of the grip site in the world frame, its
+                rotation vector, and the gripper, -1 to open and 1 to close.
 
         Raises:
             numpy.linalg.LinAlgError: The state gives no finite torques.
         """
-        goal_position = action[:3]
-        goal_rotation = Rotation.from_rotvec(action[3:6]).as_matrix()
-        fingers = self._finger_targets(action[6:])
+        for arm, part in zip(self._arms, action.reshape(len(self._arms), -1), strict=True):
+            arm.aim(part)
         for _ in range(self._substeps):
             mujoco.mj_step1(self._model, self._data)
-            if self._just_reset:
-                self._command_first(action[:6])
-            else:
-                self._law.command(goal_position, goal_rotation)
-            self._controls[self._finger_actuators] = fingers
+            for arm in self._arms:
+                arm.drive()
             mujoco.mj_step2(self._model, self._data)
 
-    def _command_first(self, goal: FloatArray) -> None:
+
+class _ArmControl:
+    """One arm and its fingers."""
+
+    def __init__(self, env: Any, robot: Any, controller: str) -> None:
+        gripper = robot.get_gripper_name(ARM)
+        arm = RobosuiteArm.of(env, robot)
+        self._osc, self._controls = arm.controller, arm.data.ctrl
+        self._arm_actuators, self._low, self._high = arm.actuators, arm.low, arm.high
+        self._fingers = robot.part_controllers[gripper]
+        self._gripper = robot.gripper[ARM]
+        self._finger_actuators = as_slice(robot._ref_actuators_indexes_dict[gripper])
+        self._finger_range = arm.model.actuator_ctrlrange[self._finger_actuators]
+        self._just_reset = True
+        self._law = LAWS[controller](arm)
+
+    def aim(self, action: FloatArray) -> None:
+        """Take the next command (7,)."""
+        self._goal = action[:6]
+        self._goal_position = action[:3]
+        self._goal_rotation = Rotation.from_rotvec(action[3:6]).as_matrix()
+        self._finger_targets = self._targets(action[6:])
+
+    def drive(self) -> None:
+        """Write torques and finger targets into ``ctrl``, between ``mj_step1`` and ``mj_step2``."""
+        if self._just_reset:
+            self._command_first()
+        else:
+            self._law.command(self._goal_position, self._goal_rotation)
+        self._controls[self._finger_actuators] = self._finger_targets
+
+    def _command_first(self) -> None:
         """Write the torques of robosuite's own controller object.
 
         Its first physics step after a reset uses the inertia from before the fingers were set.
         """
         self._just_reset = False
-        self._osc.set_goal(goal)
+        self._osc.set_goal(self._goal)
         torques = np.asarray(self._osc.run_controller())
         self._controls[self._arm_actuators] = np.clip(torques, self._low, self._high)
 
-    def _finger_targets(self, action: FloatArray) -> FloatArray:
+    def _targets(self, action: FloatArray) -> FloatArray:
         self._fingers.set_goal(self._gripper.format_action(action))
         targets = self._fingers.run_controller()
         return np.asarray(np.clip(targets, self._finger_range[:, 0], self._finger_range[:, 1]))

@@ -198,8 +198,6 @@ def record_expert(env: Environment, task: AttemptTask) -> tuple[Episode | None, 
 
 
 def _header(env: Environment, task: AttemptTask, steps: int) -> EpisodeHeader:
-    from geoprior.sim.environment import HAND
-
     return EpisodeHeader(
         key=task.key,
         source=SOURCE,
@@ -208,7 +206,7 @@ def _header(env: Environment, task: AttemptTask, steps: int) -> EpisodeHeader:
         seed=task.state_seed,
         fps=task.control_rate,
         steps=steps,
-        hands=[HAND],
+        hands=list(env.hands),
         cameras=env.camera_headers(),
         generator=f"geoprior {__version__}",
         details={

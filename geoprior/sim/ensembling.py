@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from geoprior.shards.episode import POSE_SIZE
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -14,7 +16,7 @@ GRIPPER_THRESHOLD = 0.5
 
 
 def blend(predictions: NDArray[np.float32], coefficient: float) -> NDArray[np.float32]:
-    """One command from several predictions of it.
+    """One command for each hand from several predictions of it.
 
     The weights are those of ACT (Zhao et al. 2023, section IV-B): ``exp(-coefficient * i)``, ``i = 0`` for
     the oldest prediction. Positions are averaged. Quaternions are first given the sign that puts them on the
@@ -23,15 +25,22 @@ def blend(predictions: NDArray[np.float32], coefficient: float) -> NDArray[np.fl
     on, so that it stays a step: a majority of the weight decides.
 
     Args:
-        predictions: (P, 8) pose vectors, the oldest first.
+        predictions: (P, 8 x hands) pose vectors, the oldest first.
         coefficient: ``m``; 0 gives equal weights, above 0 the older ones weigh more.
 
     Returns:
-        (8,) pose vector, gripper 0 or 1.
+        (8 x hands) pose vectors, grippers 0 or 1.
     """
     weights = np.exp(-coefficient * np.arange(len(predictions)))
     weights /= weights.sum()
-    rows = predictions.astype(np.float64)
+    hands = range(0, predictions.shape[1], POSE_SIZE)
+    blended = [_blend_hand(predictions[:, first : first + POSE_SIZE], weights) for first in hands]
+    return np.concatenate(blended)
+
+
+def _blend_hand(predictions: NDArray[np.float32], weights: NDArray[np.float64]) -> NDArray[np.float32]:
+    """One hand's command (8,) from predictions (P, 8)."""
+    rows = predictions.astype(np.float64, order="C")
     flips = np.where(rows[:, 3:7] @ rows[0, 3:7] < 0.0, -1.0, 1.0)
     rows[:, 3:7] *= flips[:, None]
     command = weights @ rows
@@ -58,11 +67,11 @@ class TemporalEnsemble:
         return True
 
     def add(self, step: int, chunk: NDArray[np.float32]) -> None:
-        """Take the chunk (K, 8) predicted at a step; its first row is that step's command."""
+        """Take the chunk (K, 8 x hands) predicted at a step; its first row is that step's command."""
         self._chunks.append((step, chunk))
 
     def command(self, step: int) -> NDArray[np.float32]:
-        """The command (8,) of a step, not before the latest chunk's."""
+        """The command (8 x hands) of a step, not before the latest chunk's."""
         while self._chunks[0][0] + len(self._chunks[0][1]) <= step:
             self._chunks.popleft()
         return blend(np.stack([chunk[step - begun] for begun, chunk in self._chunks]), self._coefficient)
@@ -85,10 +94,10 @@ class OpenLoop:
         return self._chunk is None or step - self._begun >= min(self._execute, len(self._chunk))
 
     def add(self, step: int, chunk: NDArray[np.float32]) -> None:
-        """Take the chunk (K, 8) predicted at a step."""
+        """Take the chunk (K, 8 x hands) predicted at a step."""
         self._begun, self._chunk = step, chunk
 
     def command(self, step: int) -> NDArray[np.float32]:
-        """The command (8,) of a step."""
+        """The command (8 x hands) of a step."""
         assert self._chunk is not None, "add a chunk first"
         return np.asarray(self._chunk[step - self._begun])

@@ -1,4 +1,4 @@
-"""One task on one arm: reset to a seed, command hand poses, look through the two cameras."""
+"""One task and its arms: reset to a seed, command hand poses, look through the cameras."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from geoprior.geometry.se3 import (
     transforms_of_poses,
 )
 from geoprior.geometry.seeding import generator
-from geoprior.shards.episode import CameraHeader
+from geoprior.shards.episode import POSE_SIZE, WORLD, CameraHeader
 from geoprior.sim.appearance import Appearance
 from geoprior.sim.config import SIMULATION_RATE
 from geoprior.sim.control import PoseControl, require_controller
 from geoprior.sim.meshes import lighten_meshes
 from geoprior.sim.views import Eyes
-from geoprior.sim.worlds.tabletop import HAND_CAMERA, TABLE_TOP, THIRD_CAMERA
+from geoprior.sim.worlds.tabletop import TABLE_TOP, THIRD_CAMERA
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -33,9 +33,6 @@ if TYPE_CHECKING:
     from geoprior.sim.robots.robot import Robot
     from geoprior.sim.setting import Setting
     from geoprior.sim.tasks.task import Task
-
-HAND = "hand"
-"""Name of the one hand in headers and mounts."""
 
 _UNSTABLE = (
     mujoco.mjtWarning.mjWARN_BADQPOS,
@@ -50,9 +47,9 @@ class Observation:
     """What a policy sees.
 
     Attributes:
-        pose: (8,) float32 pose vector of the hand in the workspace frame; its last number is the gripper's
-            last command, 0 open or 1 closed.
-        images: ``hand`` and ``third``, (H, W, 3) uint8 RGB, top row first.
+        pose: (8 x hands) float32 pose vectors of the hands in the workspace frame; each one's last number is
+            the gripper's last command, 0 open or 1 closed.
+        images: Of every hand's camera, by the hand's name, and ``third``: (H, W, 3) uint8 RGB, top row first.
     """
 
     pose: NDArray[np.float32]
@@ -64,13 +61,13 @@ class UnstablePhysicsError(Exception):
 
 
 class Environment:
-    """A simulated arm, a task and two cameras.
+    """A task, its simulated arms and their cameras.
 
     An episode is a pure function of the state seed and the commands: the same on any worker, alone or after
     other episodes. Build it once in a process and reset it: building takes seconds.
 
     Args:
-        robot: The arm, and how it is driven; see `geoprior.sim.control`.
+        robot: The arm, and how the task's arms are driven; see `geoprior.sim.control`.
         task: The task.
         setting: How it is seen and paced.
         eyes: Rendering contexts that several environments of the same arm, task and setting share; its own
@@ -96,10 +93,10 @@ class Environment:
         self._model, self._data = self.world.sim.model._model, self.world.sim.data._data
         lighten_meshes(self._model, setting.cameras.height)
         self._appearance = Appearance(self._model)
-        self.eyes = eyes if eyes is not None else Eyes([HAND_CAMERA, THIRD_CAMERA])
+        self.hands: tuple[str, ...] = self.world.hands
+        self.eyes = eyes if eyes is not None else Eyes([*self.hands, THIRD_CAMERA])
         self._state_seed = -1
-        self._gripper = 0.0
-        self._quaternion = REFERENCE_QUATERNION
+        self._forget()
         self._control: PoseControl | None = None
 
     @property
@@ -118,7 +115,7 @@ class Environment:
         self.world.reset()
         self.setting.look.dress(self._model, self._data, generator(state_seed, "state", "look"))
         self._control = PoseControl(self.world, self.controller)
-        self._gripper, self._quaternion = 0.0, REFERENCE_QUATERNION
+        self._forget()
         self._locate()
         if self.world.succeeded():
             raise DataError(
@@ -127,16 +124,17 @@ class Environment:
             )
 
     def step(self, command: NDArray[np.float32]) -> None:
-        """Command a hand pose and let one control interval pass.
+        """Command hand poses and let one control interval pass.
 
         Args:
-            command: (8,) finite pose vector in the workspace frame; the gripper closes from 0.5 on.
+            command: (8 x hands) finite pose vectors in the workspace frame; a gripper closes from 0.5 on.
 
         Raises:
             UnstablePhysicsError: Positions, velocities or forces are no longer finite.
         """
         assert self._control is not None, "reset first"
-        self._gripper = 1.0 if command[7] >= 0.5 else 0.0
+        for hand, pose in self._by_hand(command):
+            self._gripper[hand] = 1.0 if pose[7] >= 0.5 else 0.0
         try:
             self._control.advance(self.action_of(command))
         except np.linalg.LinAlgError as error:
@@ -146,21 +144,25 @@ class Environment:
         self._locate()
 
     def action_of(self, command: NDArray[np.float32]) -> FloatArray:
-        """The action (7,) of robosuite for a pose vector (8,)."""
-        transform = transforms_of_poses(command)
-        rotation = transform[:3, :3] @ np.array(self.robot.rotation_hand_to_site).T
-        closing = 1.0 if command[7] >= 0.5 else -1.0
-        return np.array(
-            [*(transform[:3, 3] + TABLE_TOP), *Rotation.from_matrix(rotation).as_rotvec(), closing]
-        )
+        """The action (7 x hands) of robosuite for pose vectors (8 x hands)."""
+        action: list[float] = []
+        for hand, pose in self._by_hand(command):
+            transform = transforms_of_poses(pose)
+            rotation = transform[:3, :3] @ np.array(self.world.arms[hand].robot.rotation_hand_to_site).T
+            closing = 1.0 if pose[7] >= 0.5 else -1.0
+            action += [*(transform[:3, 3] + TABLE_TOP), *Rotation.from_matrix(rotation).as_rotvec(), closing]
+        return np.array(action)
 
     def pose(self) -> NDArray[np.float32]:
-        """(8,) pose vector of the hand now."""
-        position = self.world.transform_hand_to_workspace()[:3, 3]
-        return np.array([*position, *self._quaternion, self._gripper], dtype=np.float32)
+        """(8 x hands) pose vectors of the hands now."""
+        numbers: list[float] = []
+        for hand in self.hands:
+            position = self.world.transform_hand_to_workspace(hand)[:3, 3]
+            numbers += [*position, *self._quaternion[hand], self._gripper[hand]]
+        return np.array(numbers, dtype=np.float32)
 
     def render(self) -> dict[str, NDArray[np.uint8]]:
-        """Frames of both cameras now."""
+        """Frames of all cameras now."""
         return self.eyes.draw(self._model, self._data, self.cameras.height, self.cameras.width)
 
     def observe(self) -> Observation:
@@ -173,15 +175,14 @@ class Environment:
         return self.task.expert(self.world, self.pose(), rng)
 
     def camera_headers(self) -> list[CameraHeader]:
-        """Both cameras as an episode's header describes them."""
+        """The cameras as an episode's header describes them."""
+        lenses = self.cameras
         mounts = {
-            HAND_CAMERA: (HAND, self.world.transform_camera_to_hand(), self.cameras.hand.vertical_fov),
-            THIRD_CAMERA: (
-                "world",
-                self.world.transform_camera_to_workspace(),
-                self.cameras.third.vertical_fov,
-            ),
+            hand: (hand, self.world.transform_camera_to_hand(hand), lenses.hand.vertical_fov)
+            for hand in self.hands
         }
+        fixed = self.world.transform_camera_to_workspace()
+        mounts[THIRD_CAMERA] = (WORLD, fixed, lenses.third.vertical_fov)
         height, width = self.cameras.height, self.cameras.width
         return [
             CameraHeader(
@@ -197,9 +198,9 @@ class Environment:
         ]
 
     def film_frame(self, size: int) -> NDArray[np.uint8]:
-        """(size, 2 x size, 3) RGB: the third camera's view beside the hand's, for people to look at."""
+        """(size, cameras x size, 3) RGB: the third camera's view beside the hands', for people to look at."""
         frames = self.eyes.draw(self._model, self._data, size, size)
-        return np.hstack([frames[THIRD_CAMERA], frames[HAND_CAMERA]])
+        return np.hstack([frames[THIRD_CAMERA], *(frames[hand] for hand in self.hands)])
 
     def close(self) -> None:
         """Free the rendering contexts."""
@@ -209,8 +210,18 @@ class Environment:
         """Bring positions up to date with the joints; robosuite's lag one physics step behind."""
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)
-        rotation = Rotation.from_matrix(self.world.transform_hand_to_workspace()[:3, :3])
-        self._quaternion = continuous_quaternions(rotation.as_quat()[None], self._quaternion)[0]
+        for hand, before in self._quaternion.items():
+            rotation = Rotation.from_matrix(self.world.transform_hand_to_workspace(hand)[:3, :3])
+            self._quaternion[hand] = continuous_quaternions(rotation.as_quat()[None], before)[0]
+
+    def _forget(self) -> None:
+        """Open grippers, and no orientation before the present one."""
+        self._gripper = dict.fromkeys(self.hands, 0.0)
+        self._quaternion = dict.fromkeys(self.hands, REFERENCE_QUATERNION)
+
+    def _by_hand(self, command: NDArray[np.float32]) -> Iterator[tuple[str, NDArray[np.float32]]]:
+        """Each hand's part (8,) of a command (8 x hands)."""
+        return zip(self.hands, command.reshape(-1, POSE_SIZE), strict=True)
 
 
 def _ignore(message: str) -> None:

@@ -15,11 +15,12 @@ if TYPE_CHECKING:
     FloatArray = NDArray[np.float64]
 
 ARM = "right"
+"""What robosuite calls the arm of a robot that has a single one."""
 
 
 @dataclass(frozen=True)
 class RobosuiteArm:
-    """The arm of a reset robosuite environment; robosuite makes new controllers at every reset.
+    """An arm of a reset robosuite environment; robosuite makes new controllers at every reset.
 
     Attributes:
         model: MuJoCo's.
@@ -43,9 +44,9 @@ class RobosuiteArm:
     high: FloatArray
 
     @classmethod
-    def of(cls, env: Any) -> RobosuiteArm:
-        """The arm of an environment."""
-        robot, model = env.robots[0], env.sim.model._model
+    def of(cls, env: Any, robot: Any) -> RobosuiteArm:
+        """The arm that is one of an environment's robots."""
+        model = env.sim.model._model
         controller = robot.part_controllers[ARM]
         base = f"{controller.naming_prefix}{controller.part_name}_center"
         actuators = [int(number) for number in robot._ref_actuators_indexes_dict[ARM]]

@@ -15,7 +15,7 @@ class Setting:
     """What a task's world is told beside the arm.
 
     Attributes:
-        cameras: Frame size and fields of view of the hand and the third camera.
+        cameras: Frame size, and fields of view of the hands' and the third camera.
         control_rate: Commands a second; divides 500.
         look: What the cameras see that physics does not feel.
     """

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from geoprior.shards.episode import POSE_SIZE
 from geoprior.sim.ensembling import OpenLoop, TemporalEnsemble
 from geoprior.sim.environment import UnstablePhysicsError
 from geoprior.sim.judge import BAD_ACTION, TIME_OUT, UNSTABLE, Judge
@@ -78,12 +79,12 @@ class Trial:
         return self._controls.wants_chunk(self._step)
 
     def observe(self) -> tuple[NDArray[np.float32], Mapping[str, NDArray[np.uint8]]]:
-        """Pose (8,) and frames (H, W, 3) now."""
+        """Pose (8 x hands) and frames (H, W, 3) now."""
         observation = self._env.observe()
         return observation.pose, observation.images
 
     def take(self, chunk: NDArray[np.float32]) -> None:
-        """Take the commands (K, 8) that were predicted from what was just observed."""
+        """Take the commands (K, 8 x hands) that were predicted from what was just observed."""
         self._controls.add(self._step, chunk)
 
     def advance(self) -> None:
@@ -128,7 +129,7 @@ def run_trials(trials: Mapping[int, Trial], predictor: Predictor, rows: int) -> 
 
 
 def _predict(looking: Mapping[int, Trial], predictor: Predictor, rows: int) -> NDArray[np.float32]:
-    """(rows, K, 8) commands; only the rows that look mean anything."""
+    """(rows, K, 8 x hands) commands; only the rows that look mean anything."""
     seen = {row: trial.observe() for row, trial in looking.items()}
     filler = next(iter(seen.values()))
     of_row = [seen.get(row, filler) for row in range(rows)]
@@ -143,8 +144,9 @@ def _strategy(config: EvaluateConfig) -> TemporalEnsemble | OpenLoop:
 
 
 def _usable(command: NDArray[np.float32]) -> bool:
-    """Finite, with a quaternion that has a direction."""
-    return bool(np.isfinite(command).all() and np.linalg.norm(command[3:7]) > 1e-3)
+    """Finite, with quaternions that have a direction."""
+    quaternions = command.reshape(-1, POSE_SIZE)[:, 3:7]
+    return bool(np.isfinite(command).all() and (np.linalg.norm(quaternions, axis=1) > 1e-3).all())
 
 
 def _look_away() -> None:

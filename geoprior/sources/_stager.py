@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from geoprior.errors import PluginError
-from geoprior.geometry.se3 import pose_vectors
 from geoprior.shards.synthesis import Studio, next_poses
 from geoprior.sources.source import Moments
 
@@ -72,7 +71,7 @@ class Stager:
     def trajectories(
         self, slots: Sequence[int], episodes: Sequence[int]
     ) -> list[tuple[NDArray[np.float32], NDArray[np.float32]]]:
-        """Poses and actions, (N, 8) each, of some slots' episodes.
+        """Poses and actions, (N, 8 x hands) each, of some slots' episodes.
 
         Raises:
             GeopriorError: An episode cannot be staged.
@@ -127,7 +126,7 @@ class Stager:
         index, turn = divmod(episode, len(self._generate.motions))
         motion = self._generate.motions[turn]
         take = self._studio.stage(motion, index)
-        pose = pose_vectors(take.trajectory.transforms_hand_to_world, take.trajectory.gripper)
+        pose = take.trajectory.pose()
         if len(pose) != self._generate.steps:
             raise PluginError(
                 f"motion {motion.name!r}: planned {len(pose)} time steps where {self._generate.steps} were "

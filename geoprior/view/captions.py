@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
+from geoprior.scene.hand import HAND
 from geoprior.shards.episode import POSE_SIZE
 
 if TYPE_CHECKING:
@@ -31,8 +32,11 @@ def step_caption(header: EpisodeHeader, pose: NDArray[np.float32], step: int) ->
         step: Which one.
     """
     grippers = pose[step].reshape(-1, POSE_SIZE)[:, 7]
-    states = " ".join("closed" if value else "open" for value in grippers)
-    return f"{step}  ·  {step / header.fps:.1f} s", phase_of(header, step), states
+    states = [
+        ("" if hand == HAND else f"{hand} ") + ("closed" if value else "open")
+        for hand, value in zip(header.hands, grippers, strict=True)
+    ]
+    return f"{step}  ·  {step / header.fps:.1f} s", phase_of(header, step), "  ".join(states)
 
 
 def line_of(words: Iterable[str]) -> str:

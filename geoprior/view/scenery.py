@@ -87,8 +87,8 @@ def _bodies(world: World, step: int, ghosts: Sequence[int] = ()) -> Iterator[Mar
     for solid in world.bodies.solids:
         for at, strength in _moments(solid.transforms_solid_to_world, step, ghosts):
             yield Outline(solid, at, colour_of(solid.body), strength)
-    if world.object is not None:
-        yield from _object_boxes(world.object, last=step == world.steps - 1)
+    for told in world.objects:
+        yield from _object_boxes(told, last=step == world.steps - 1)
 
 
 def _object_boxes(told: ObjectDetails, *, last: bool) -> Iterator[Lines]:

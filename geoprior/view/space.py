@@ -104,7 +104,7 @@ def meanings(world: World) -> dict[str, Colour]:
     """What the colours of a world's picture mean."""
     bodies = {cloud.body: colour_of(cloud.body) for cloud in world.bodies.clouds}
     if not bodies:
-        bodies = {"floor": FLOOR, **({"object's box": OBJECT} if world.object else {}), "hand": HAND}
+        bodies = {"floor": FLOOR, **({"object's box": OBJECT} if world.objects else {}), "hand": HAND}
     return {**bodies, "cameras": CAMERA, **AXES}
 
 

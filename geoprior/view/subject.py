@@ -11,7 +11,6 @@ import numpy as np
 
 from geoprior import __version__
 from geoprior.errors import ConfigError, GeopriorError
-from geoprior.geometry.se3 import pose_vectors
 from geoprior.shards.reader import EpisodeStore
 from geoprior.view.world import Bodies, bodies_of
 
@@ -97,8 +96,7 @@ def with_points(subject: Subject, studio: Studio) -> Subject:
         take = studio.stage(motions[header.motion], header.index)
     except GeopriorError as error:
         return without_points(subject, error.message)
-    way = take.trajectory
-    pose = pose_vectors(way.transforms_hand_to_world, way.gripper)
+    pose = take.trajectory.pose()
     if not np.allclose(pose, subject.episode.pose, rtol=0.0, atol=_SAME_POSE):
         return without_points(subject, f"this geoprior makes other poses from its recipe{_versions(subject)}")
     return replace(subject, bodies=bodies_of(take))

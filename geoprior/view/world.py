@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -9,8 +10,9 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from geoprior.geometry.se3 import transforms_of_poses
+from geoprior.motions.trajectory import ways_of_objects
 from geoprior.render import rig
-from geoprior.shards.episode import POSE_SIZE
+from geoprior.shards.episode import POSE_SIZE, WORLD
 from geoprior.view.outline import Solid
 
 if TYPE_CHECKING:
@@ -24,11 +26,9 @@ if TYPE_CHECKING:
 
 Told = TypeVar("Told", bound=BaseModel)
 
-WORLD = "world"
-
 
 class ObjectDetails(BaseModel):
-    """What a header may tell of the object, metres: enough for its box at the start and at the end."""
+    """What a header may tell of an object, metres: enough for its box at the start and at the end."""
 
     model_config = ConfigDict(allow_inf_nan=False)
 
@@ -97,7 +97,7 @@ class World:
         hands: In pose order.
         cameras: Those whose place the header tells.
         floor: Side and height of the floor.
-        object: The object's box where no more is known of it; None where nobody tells it.
+        objects: The objects' boxes where no more is known of them, and the header tells those.
         hand_cube: Side of the cube behind the hand's origin; 0 where nobody tells it.
         bodies: Points and surfaces, where they are known.
     """
@@ -106,7 +106,7 @@ class World:
     hands: tuple[Hand, ...]
     cameras: tuple[Camera, ...]
     floor: FloorDetails
-    object: ObjectDetails | None
+    objects: tuple[ObjectDetails, ...]
     hand_cube: float
     bodies: Bodies
 
@@ -130,14 +130,14 @@ def world_of(header: EpisodeHeader, pose: NDArray[np.float32], bodies: Bodies | 
         hands=hands,
         cameras=cameras,
         floor=_told(FloorDetails, header.details.get("floor")) or FloorDetails(),
-        object=None if bodies else _told(ObjectDetails, header.details.get("object")),
+        objects=() if bodies else _objects(header.details),
         hand_cube=_length(header.details.get("hand_cube")),
         bodies=bodies or Bodies((), ()),
     )
 
 
 def bodies_of(take: Take) -> Bodies:
-    """Every point of a staged episode, what is there and what else a plug-in shows; and the object's surface.
+    """Every point of a staged episode, what is there and what a plug-in adds; and the objects' surfaces.
 
     A variant that takes something from a camera does not take it out of the world.
     """
@@ -145,8 +145,16 @@ def bodies_of(take: Take) -> Bodies:
     known = {cloud.body for cloud in there}
     added = {cloud.body: cloud for shot in take.shots.values() for cloud in shot.clouds}
     clouds = (*there, *(cloud for body, cloud in added.items() if body not in known))
-    solid = Solid("object", take.scene.object.mesh, take.trajectory.transforms_object_to_world)
-    return Bodies(clouds, (solid,))
+    ways = ways_of_objects(take.scene, take.trajectory)
+    solids = (Solid(name, each.mesh, ways[name]) for name, each in take.scene.objects.items())
+    return Bodies(clouds, tuple(solids))
+
+
+def _objects(details: Mapping[str, Any]) -> tuple[ObjectDetails, ...]:
+    others = details.get("others")
+    found = [details.get("object"), *(others.values() if isinstance(others, dict) else ())]
+    told = (_told(ObjectDetails, value) for value in found)
+    return tuple(each for each in told if each is not None)
 
 
 def _is_placed(camera: CameraHeader, mounts: dict[str, Hand]) -> bool:

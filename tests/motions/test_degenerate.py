@@ -38,7 +38,8 @@ def staged(motion, index, scene):
 def replanned(take, motion, rotation):
     """The same episode from another orientation of the hand at the start."""
     pose = make_transform(rotation, take.scene.hand.position)
-    scene = replace(take.scene, hand=replace(take.scene.hand, transform_hand_to_world=pose))
+    hands = {"hand": replace(take.scene.hand, transform_hand_to_world=pose)}
+    scene = replace(take.scene, hands=hands)
     plan = plugins().build("motion", Choice(name=motion)).plan(scene, STEPS, np.random.default_rng(0))
     return replace(take, scene=scene, trajectory=plan)
 
@@ -62,11 +63,11 @@ def turns(frames):
 def test_a_hand_that_looks_the_opposite_way_turns_to_the_object_at_a_constant_rate(seed, off, motion):
     rng = np.random.default_rng(seed)
     take = stage(motion, seed % 70)
-    grasp = take.trajectory.transforms_hand_to_world[take.trajectory.phases.index("grasp"), :3, 2]
+    grasp = take.trajectory.hand.transforms_hand_to_world[take.trajectory.phases.index("grasp"), :3, 2]
     away = Rotation.from_rotvec(off * across(grasp, rng)).apply(-grasp)
     take = replanned(take, motion, frame_along(away, rng))
     last = take.trajectory.phases.index("grasp")
-    frames = take.trajectory.transforms_hand_to_world[: last + 1, :3, :3]
+    frames = take.trajectory.hand.transforms_hand_to_world[: last + 1, :3, :3]
     always.hand_frames_are_right_handed_rotations(take)
     np.testing.assert_allclose(frames[-1, :, 2], grasp, atol=2e-9)
     np.testing.assert_allclose(turns(frames), (np.pi - off) / last, atol=1e-8)
@@ -83,7 +84,7 @@ def test_a_push_that_needs_half_a_turn_takes_it_at_a_constant_rate(seed, off):
     half_a_turn = Rotation.from_rotvec((np.pi - off) * axis / np.linalg.norm(axis)).as_matrix()
     plan = replanned(take, "push", half_a_turn @ pushing_pose)
     always.hand_frames_are_right_handed_rotations(plan)
-    frames = plan.trajectory.transforms_hand_to_world[:20, :3, :3]
+    frames = plan.trajectory.hand.transforms_hand_to_world[:20, :3, :3]
     np.testing.assert_allclose(frames[-1], pushing_pose, atol=1e-9)
     np.testing.assert_allclose(turns(frames), (np.pi - off) / 19, atol=1e-7)
 

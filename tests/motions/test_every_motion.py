@@ -43,7 +43,7 @@ def counts(trajectory):
 
 def assert_moves_on(trajectory, phases):
     """The hand moves at every step but those that hold still after the first of a phase in ``phases``."""
-    frames, names = trajectory.transforms_hand_to_world, trajectory.phases
+    frames, names = trajectory.hand.transforms_hand_to_world, trajectory.phases
     for step in range(1, len(names)):
         still = names[step] in phases and names[step - 1] == names[step]
         assert np.array_equal(frames[step], frames[step - 1]) == still
@@ -60,7 +60,7 @@ def assert_moves_on(trajectory, phases):
 def test_ten_seconds_at_thirty_frames_a_second(motion, expected):
     trajectory = planned(motion, 300)
     assert counts(trajectory) == expected
-    assert len(trajectory.gripper) == 300
+    assert len(trajectory.hand.gripper) == 300
 
 
 @settings(max_examples=60, deadline=None)
@@ -71,7 +71,7 @@ def test_pick_holds_at_the_end_and_approaches_before(steps, closed):
         return
     trajectory = planned("pick", steps, closed=closed)
     assert counts(trajectory) == {"approach": steps - closed, "grasp": closed}
-    np.testing.assert_array_equal(trajectory.gripper, [0.0] * (steps - closed) + [1.0] * closed)
+    np.testing.assert_array_equal(trajectory.hand.gripper, [0.0] * (steps - closed) + [1.0] * closed)
     assert_moves_on(trajectory, {"grasp"})
 
 
@@ -88,7 +88,9 @@ def test_place_shares_its_steps_as_the_options_say(steps, approach, closed, open
     expected = {"approach": reached - 1, "grasp": closed, "transport": moving, "release": opened}
     assert counts(trajectory) == {name: count for name, count in expected.items() if count}
     open_before, open_after = [0.0] * (reached - 1), [0.0] * opened
-    np.testing.assert_array_equal(trajectory.gripper, open_before + [1.0] * (closed + moving) + open_after)
+    np.testing.assert_array_equal(
+        trajectory.hand.gripper, open_before + [1.0] * (closed + moving) + open_after
+    )
     assert_moves_on(trajectory, {"grasp", "release"})
 
 
@@ -107,7 +109,7 @@ def test_push_shares_its_steps_as_the_options_say(steps, approach):
 @pytest.mark.parametrize("motion", MOTIONS)
 def test_the_fewest_steps_do_and_fewer_are_refused_with_a_remedy(motion):
     fewest = FEWEST[motion]
-    assert len(planned(motion, fewest).gripper) == fewest
+    assert len(planned(motion, fewest).hand.gripper) == fewest
     for steps in range(1, fewest):
         assert_refused(motion, steps, fewest)
 

@@ -26,7 +26,7 @@ def with_box(scene, size, hand):
         scene.object, mesh=convex_mesh(corners * size), transform_object_to_world=transform, yaw=0.0
     )
     pose = make_transform(hand_rotation(np.array([0.0, 0.0, -1.0]), 0.0), np.asarray(hand, dtype=float))
-    return replace(scene, object=box, hand=replace(scene.hand, transform_hand_to_world=pose))
+    return replace(scene, object=box, hands={"hand": replace(scene.hand, transform_hand_to_world=pose)})
 
 
 @pytest.mark.parametrize(
@@ -50,7 +50,7 @@ def test_the_face_is_slender_and_on_the_hands_side(takes, size, hand, outward):
 def test_a_hand_straight_above_a_lying_bar_takes_one_end_and_arrives(takes):
     scene = with_box(takes("pick")[0].scene, (0.12, 0.03, 0.03), (0.0, 0.0, 0.3))
     planner = plugins().build("motion", Choice(name="pick"))
-    frames = planner.plan(scene, 30, np.random.default_rng(0)).transforms_hand_to_world
+    frames = planner.plan(scene, 30, np.random.default_rng(0)).hand.transforms_hand_to_world
     assert np.isfinite(frames).all()
     assert abs(frames[-1, 0, 2]) == pytest.approx(1.0)
 
@@ -58,16 +58,16 @@ def test_a_hand_straight_above_a_lying_bar_takes_one_end_and_arrives(takes):
 def test_a_hand_that_looks_away_from_the_object_still_turns_to_it(takes):
     scene = with_box(takes("pick")[0].scene, (0.03, 0.03, 0.10), (0.0, 0.0, 0.4))
     away = make_transform(np.eye(3), scene.hand.position)
-    scene = replace(scene, hand=replace(scene.hand, transform_hand_to_world=away))
+    scene = replace(scene, hands={"hand": replace(scene.hand, transform_hand_to_world=away)})
     planner = plugins().build("motion", Choice(name="pick"))
-    frames = planner.plan(scene, 30, np.random.default_rng(0)).transforms_hand_to_world[:, :3, :3]
+    frames = planner.plan(scene, 30, np.random.default_rng(0)).hand.transforms_hand_to_world[:, :3, :3]
     np.testing.assert_allclose(frames[-1, :, 2], [0.0, 0.0, -1.0], atol=1e-9)
     turns = Rotation.from_matrix(np.swapaxes(frames[:-1], 1, 2) @ frames[1:]).magnitude()
     np.testing.assert_allclose(turns, np.pi / 29, atol=1e-9)
 
 
 def test_grasps_come_from_above_and_from_the_sides(takes):
-    down = [take.trajectory.transforms_hand_to_world[-1, 2, 2] < -0.99 for take in takes("pick")]
+    down = [take.trajectory.hand.transforms_hand_to_world[-1, 2, 2] < -0.99 for take in takes("pick")]
     assert 0.3 < np.mean(down) < 0.9
 
 

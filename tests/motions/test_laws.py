@@ -24,7 +24,7 @@ def test_it_holds(takes, motion, law):
 @pytest.mark.parametrize("motion", MOTIONS)
 def test_the_first_frames_hold_what_they_must_at_every_size(takes, motion, size):
     for take in takes(motion, size=size):
-        assert (take.scene.hand_view.height, take.scene.hand_view.width) == size
+        assert (take.scene.hand.view.height, take.scene.hand.view.width) == size
         for law in START:
             law(take)
         if take.trajectory.marker_points is not None:

@@ -9,15 +9,17 @@ import pytest
 from laws import LAWS, always, grasping, marker, pushing, start
 from scipy.spatial.transform import Rotation
 
+from geoprior.motions.trajectory import way_of_hand
+
 TINY = 2e-6
 """Metres: just more than any law lets pass."""
 
 
 def hand(take, steps, change):
     """The take with other hand poses; ``change`` is given a copy of those at ``steps``."""
-    frames = take.trajectory.transforms_hand_to_world.copy()
+    frames = take.trajectory.hand.transforms_hand_to_world.copy()
     frames[steps] = change(frames[steps].copy())
-    return replace(take, trajectory=replace(take.trajectory, transforms_hand_to_world=frames))
+    return trajectory(take, hands=way_of_hand(frames, take.trajectory.hand.gripper))
 
 
 def solid(take, steps, change):
@@ -32,9 +34,9 @@ def trajectory(take, **changes):
 
 
 def gripper(take, step, value):
-    values = take.trajectory.gripper.copy()
+    values = take.trajectory.hand.gripper.copy()
     values[step] = value
-    return trajectory(take, gripper=values)
+    return trajectory(take, hands=way_of_hand(take.trajectory.hand.transforms_hand_to_world, values))
 
 
 def start_of(take, body, by):
@@ -43,7 +45,9 @@ def start_of(take, body, by):
     part = getattr(take.scene, body)
     transform = getattr(part, name).copy()
     transform[:3, 3] += by
-    return replace(take, scene=replace(take.scene, **{body: replace(part, **{name: transform})}))
+    elsewhere = replace(part, **{name: transform})
+    change = {"hands": {"hand": elsewhere}} if body == "hand" else {body: elsewhere}
+    return replace(take, scene=replace(take.scene, **change))
 
 
 def third_view(take, flip):

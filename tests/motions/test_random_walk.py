@@ -62,7 +62,7 @@ def plan(scene, seed=0, steps=41, **options):
 
 
 def positions(trajectory):
-    return trajectory.transforms_hand_to_world[:, :3, 3]
+    return trajectory.hand.transforms_hand_to_world[:, :3, 3]
 
 
 def speeds(trajectory):
@@ -72,7 +72,7 @@ def speeds(trajectory):
 
 def turns(trajectory):
     """Degrees from step to step."""
-    frames = trajectory.transforms_hand_to_world[:, :3, :3]
+    frames = trajectory.hand.transforms_hand_to_world[:, :3, :3]
     return np.degrees(Rotation.from_matrix(np.swapaxes(frames[:-1], 1, 2) @ frames[1:]).magnitude())
 
 
@@ -80,13 +80,13 @@ def lowest_of_the_cube(walk):
     """(N,) the lowest corner of the hand's cube above the floor, metres; its corners are worked out here."""
     half = 0.5 * walk.scene.hand.cube
     corners = [[x, y, z] for x in (-half, half) for y in (-half, half) for z in (-2.0 * half, 0.0)]
-    world = apply(walk.trajectory.transforms_hand_to_world, np.array(corners))
+    world = apply(walk.trajectory.hand.transforms_hand_to_world, np.array(corners))
     return world[..., 2].min(axis=1) - walk.scene.floor.height
 
 
 def test_poses_are_whole_and_start_from_the_scene(takes):
     for take in takes:
-        trajectory, frames = take.trajectory, take.trajectory.transforms_hand_to_world
+        trajectory, frames = take.trajectory, take.trajectory.hand.transforms_hand_to_world
         assert np.isfinite(frames).all()
         rotations = frames[:, :3, :3]
         identity = np.broadcast_to(np.eye(3), rotations.shape)
@@ -94,7 +94,7 @@ def test_poses_are_whole_and_start_from_the_scene(takes):
         np.testing.assert_allclose(np.linalg.det(rotations), 1.0, atol=1e-9)
         np.testing.assert_array_equal(frames[:, 3], np.broadcast_to([0.0, 0.0, 0.0, 1.0], (41, 4)))
         np.testing.assert_allclose(frames[0], take.scene.hand.transform_hand_to_world, atol=1e-12)
-        quaternions = pose_vectors(frames, trajectory.gripper)[:, 3:7].astype(np.float64)
+        quaternions = pose_vectors(frames, trajectory.hand.gripper)[:, 3:7].astype(np.float64)
         assert np.sum(quaternions[1:] * quaternions[:-1], axis=1).min() > 0.99
 
 
@@ -135,8 +135,10 @@ def test_another_object_elsewhere_changes_nothing(takes):
         strange = replace(scene, object=replace(other.scene.object, transform_object_to_world=moved))
         for seed in range(3):
             walk, same = plan(scene, seed), plan(strange, seed)
-            np.testing.assert_array_equal(same.transforms_hand_to_world, walk.transforms_hand_to_world)
-            np.testing.assert_array_equal(same.gripper, walk.gripper)
+            np.testing.assert_array_equal(
+                same.hand.transforms_hand_to_world, walk.hand.transforms_hand_to_world
+            )
+            np.testing.assert_array_equal(same.hand.gripper, walk.hand.gripper)
             np.testing.assert_array_equal(same.transforms_object_to_world[-1], moved)
 
 
@@ -157,7 +159,7 @@ def test_planning_does_not_change_the_scene(takes):
 def test_the_draws_alone_decide_the_walk(takes):
     scene = takes[0].scene
     once, again, other = plan(scene, 1), plan(scene, 1), plan(scene, 2)
-    np.testing.assert_array_equal(once.transforms_hand_to_world, again.transforms_hand_to_world)
+    np.testing.assert_array_equal(once.hand.transforms_hand_to_world, again.hand.transforms_hand_to_world)
     assert np.abs(positions(once) - positions(other)).max() > 0.02
 
 
@@ -225,7 +227,7 @@ def test_random_frames_fill_the_cone_about_straight_down():
 def test_the_hand_turns_towards_the_cone(walks):
     straight_down = hand_rotation(np.array([0.0, 0.0, -1.0]), 0.0)
     for walk in walks(tilt=0.0, heading_spread=0.0):
-        frames = walk.trajectory.transforms_hand_to_world[:, :3, :3]
+        frames = walk.trajectory.hand.transforms_hand_to_world[:, :3, :3]
         left = Rotation.from_matrix(straight_down.T @ frames).magnitude()
         assert np.diff(left).max() <= 1e-6
         assert left[-1] < left[0]
@@ -239,7 +241,7 @@ def test_without_a_turn_the_frame_stays(walks):
 def test_the_gripper_steps_at_waypoints_only(takes):
     closed = []
     for take in takes:
-        gripper, phases = take.trajectory.gripper, np.array(take.trajectory.phases)
+        gripper, phases = take.trajectory.hand.gripper, np.array(take.trajectory.phases)
         assert set(gripper) <= {0.0, 1.0}
         assert gripper[0] == 0.0
         changes = np.flatnonzero(np.diff(gripper)) + 1
@@ -251,9 +253,9 @@ def test_the_gripper_steps_at_waypoints_only(takes):
 @pytest.mark.parametrize(("toggle", "states"), [(0.0, [0, 0, 0, 0]), (1.0, [0, 1, 0, 1])])
 def test_the_chance_to_step_is_an_option(walks, toggle, states):
     for take in walks(count=10, toggle=toggle):
-        assert take.trajectory.gripper[WAYPOINTS[:4]].tolist() == states
+        assert take.trajectory.hand.gripper[WAYPOINTS[:4]].tolist() == states
         before = np.array(WAYPOINTS[1:4]) - 1
-        assert take.trajectory.gripper[before].tolist() == states[:3]
+        assert take.trajectory.hand.gripper[before].tolist() == states[:3]
 
 
 @pytest.mark.parametrize(("legs", "steps"), [(1, 2), (1, 40), (3, 4), (4, 5), (4, 300), (7, 50)])
@@ -294,5 +296,5 @@ def test_options_out_of_range_are_refused_by_name(options):
 def test_a_workspace_of_one_point_is_a_walk_that_ends_there(walks):
     here = {"reach": 0.0, "height": (0.1, 0.1), "leg": (1.0, 1.0), "tilt": 0.0, "heading_spread": 0.0}
     for walk in walks(count=10, **here, turn=0.0):
-        assert np.isfinite(walk.trajectory.transforms_hand_to_world).all()
+        assert np.isfinite(walk.trajectory.hand.transforms_hand_to_world).all()
         np.testing.assert_allclose(positions(walk.trajectory)[10:, :2], 0.0, atol=1e-12)

@@ -75,7 +75,7 @@ def reference_frames(scene, trajectory, footprint=2):
     marker = np.zeros((0, 3)) if trajectory.marker_points is None else trajectory.marker_points
     frames = {"hand": [], "third": []}
     for hand, body in zip(
-        trajectory.transforms_hand_to_world, trajectory.transforms_object_to_world, strict=True
+        trajectory.hand.transforms_hand_to_world, trajectory.transforms_object_to_world, strict=True
     ):
         world = np.vstack([scene.floor.points, moved(scene.object.points, body), marker])
         cube = moved(scene.hand.points, hand)

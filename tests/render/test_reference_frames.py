@@ -20,7 +20,7 @@ from render_material import (
 
 from geoprior.geometry.camera import CamerasConfig
 from geoprior.geometry.se3 import make_transform
-from geoprior.motions.trajectory import Trajectory
+from geoprior.motions.trajectory import Trajectory, way_of_hand
 from geoprior.options import Choice
 from geoprior.shards.config import GenerateConfig
 from geoprior.shards.synthesis import stage_episode
@@ -103,11 +103,11 @@ def test_the_hand_is_in_the_third_view_only(motion):
     for index in range(3 * len(PRIMITIVES)):
         take = stage(motion, index, (96, 96), steps=8)
         frames = unpacked_frames(take.scene, take.trajectory)
-        handless = replace(take.scene, hand=replace(take.scene.hand, points=NOWHERE))
+        handless = replace(take.scene, hands={"hand": replace(take.scene.hand, points=NOWHERE)})
         without = unpacked_frames(handless, take.trajectory)
         np.testing.assert_array_equal(frames["hand"], without["hand"])
         assert np.all(frames["third"] >= without["third"])
-        cube = moved(take.scene.hand.points, take.trajectory.transforms_hand_to_world[0])
+        cube = moved(take.scene.hand.points, take.trajectory.hand.transforms_hand_to_world[0])
         drawn = reference_frame(cube, *third_camera(take.scene.third_view), THIRD_FOV, (96, 96))
         np.testing.assert_array_equal(frames["third"][0], np.maximum(without["third"][0], drawn))
         assert np.sum(drawn > without["third"][0]) > 20, "the whole cube is in the first frame"
@@ -120,10 +120,9 @@ def one_point_a_frame(scene, points):
         scene,
         floor=replace(scene.floor, points=NOWHERE),
         object=replace(scene.object, points=np.zeros((1, 3))),
-        hand=replace(scene.hand, points=NOWHERE),
+        hands={"hand": replace(scene.hand, points=NOWHERE)},
     ), Trajectory(
-        transforms_hand_to_world=np.repeat(hand[None], steps, axis=0),
-        gripper=np.zeros(steps),
+        hands=way_of_hand(np.repeat(hand[None], steps, axis=0), np.zeros(steps)),
         transforms_object_to_world=make_transform(np.eye(3), points),
         marker_points=None,
         phases=("approach",) * steps,

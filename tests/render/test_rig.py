@@ -36,12 +36,12 @@ def test_frames_hold_exactly_what_each_camera_shall_see(motion):
         assert list(frames) == ["hand", "third"]
         for step in range(12):
             body = apply(trajectory.transforms_object_to_world[step], scene.object.points)
-            cube = apply(trajectory.transforms_hand_to_world[step], scene.hand.points)
+            cube = apply(trajectory.hand.transforms_hand_to_world[step], scene.hand.points)
             world = [scene.floor.points, body]
             if motion != "pick":
                 world.append(trajectory.marker_points)
-            camera = trajectory.transforms_hand_to_world[step] @ scene.hand.transform_camera_to_hand
-            riding = View(invert(camera), scene.hand_view.intrinsics, 64, 64)
+            camera = trajectory.hand.transforms_hand_to_world[step] @ scene.hand.transform_camera_to_hand
+            riding = View(invert(camera), scene.hand.view.intrinsics, 64, 64)
             seen = draw([Cloud("body", np.vstack(world), np.eye(4))], riding, 1)[0]
             np.testing.assert_array_equal(frames["hand"][step], seen)
             seen = draw([Cloud("body", np.vstack([*world, cube]), np.eye(4))], scene.third_view, 1)[0]

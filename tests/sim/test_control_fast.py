@@ -156,7 +156,7 @@ def test_an_episode_is_the_same_to_the_bit_in_another_process(fast, run_python):
 
 def _both_torques(env, position: np.ndarray, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """What both laws command in the state that the environment is in."""
-    arm = RobosuiteArm.of(env.world)
+    arm = RobosuiteArm.of(env.world, env.world.robots[0])
     mujoco.mj_step1(arm.model, arm.data)
     torques = []
     for name in ("exact", "fast"):
@@ -170,7 +170,7 @@ def _both_torques(env, position: np.ndarray, rotation: np.ndarray) -> tuple[np.n
 def test_torques_stay_within_the_motors_limits(env, far):
     env.reset(1)
     exact, fast = _both_torques(env, far, np.eye(3))
-    arm = RobosuiteArm.of(env.world)
+    arm = RobosuiteArm.of(env.world, env.world.robots[0])
     assert (fast >= arm.low).all()
     assert (fast <= arm.high).all()
     assert ((fast == arm.low) | (fast == arm.high)).sum() >= 3
@@ -192,7 +192,7 @@ def test_a_singular_posture_is_treated_as_robosuite_treats_it(env, joints):
     singular, what comes of that pull is damped by the pseudo-inverse alike.
     """
     env.reset(1)
-    arm = RobosuiteArm.of(env.world)
+    arm = RobosuiteArm.of(env.world, env.world.robots[0])
     arm.data.qpos[arm.controller.qpos_index] = joints
     mujoco.mj_forward(arm.model, arm.data)
     site = arm.data.site_xpos[arm.hand_site]
@@ -216,7 +216,7 @@ def test_solving_falls_back_on_the_pseudo_inverse(seed, nullity, magnitude):
 
 def test_no_torques_come_of_an_inertia_that_is_not_positive_definite(fast):
     fast.reset(1)
-    arm = RobosuiteArm.of(fast.world)
+    arm = RobosuiteArm.of(fast.world, fast.world.robots[0])
     law = LAWS["fast"](arm)
     arm.data.qM[:] = 0.0
     with pytest.raises(np.linalg.LinAlgError, match="not positive definite"):

@@ -109,6 +109,13 @@ def test_captions_tell_key_step_time_phase_and_gripper(episode):
     assert line_of(["0.2 s", "", "closed"]) == "0.2 s  ·  closed"
 
 
+def test_a_caption_names_the_hands_that_have_names_of_their_own():
+    episode = next(golden_episodes())
+    header = episode.header.model_copy(update={"hands": ["left", "right"]})
+    pose = np.hstack([episode.pose, episode.pose[::-1]])
+    assert step_caption(header, pose, 0)[2] == "left open  right closed"
+
+
 @pytest.mark.parametrize(
     "phases", [None, "approach", [], [["approach"]], [[1, 2]], [["approach", "2"]], [["a", 1]]]
 )

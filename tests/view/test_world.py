@@ -63,10 +63,11 @@ def test_a_header_tells_boxes_where_the_bodies_are_not_known(push):
     told = world_of(push.episode.header, push.episode.pose)
     details = push.episode.header.details
     assert told.bodies == Bodies((), ())
-    assert list(told.object.extents) == details["object"]["extents"]
+    [box] = told.objects
+    assert list(box.extents) == details["object"]["extents"]
     assert told.hand_cube == details["hand_cube"]
     assert told.floor.height == details["floor"]["height"]
-    assert world_of(push.episode.header, push.episode.pose, push.bodies).object is None
+    assert world_of(push.episode.header, push.episode.pose, push.bodies).objects == ()
 
 
 FOREIGN = [
@@ -74,6 +75,8 @@ FOREIGN = [
     {"object": None, "floor": None, "hand_cube": None},
     {"object": "box", "floor": [1, 2], "hand_cube": "large"},
     {"object": {"extents": [1, 2]}, "floor": {"side": -1.0}, "hand_cube": -1},
+    {"others": ["box"]},
+    {"others": {"base": {"extents": [1, 2]}}},
     {"object": {"extents": [1, 1, 1], "position": [0, 0, "nan"]}, "floor": {"side": "nan"}, "hand_cube": [1]},
 ]
 
@@ -82,7 +85,7 @@ FOREIGN = [
 def test_details_of_another_form_are_left_out(push, details):
     header = push.episode.header.model_copy(update={"details": details})
     world = world_of(header, push.episode.pose)
-    assert world.object is None
+    assert world.objects == ()
     assert world.hand_cube == 0.0
     assert (world.floor.side, world.floor.height) == (0.8, 0.0)
 

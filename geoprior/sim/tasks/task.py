@@ -36,7 +36,7 @@ class Task(Protocol):
         """Build the world: a robosuite environment that places its objects and judges itself.
 
         Args:
-            robot: The arm.
+            robot: The arm; a task for more arms has options that say which others stand beside it.
             setting: How it is seen and paced.
         """
         ...
@@ -44,13 +44,13 @@ class Task(Protocol):
     def expert(
         self, world: Tabletop, start: NDArray[np.float32], rng: np.random.Generator
     ) -> Iterator[NDArray[np.float32]]:
-        """Pose commands (8,) of one scripted demonstration; the last one repeats once they are used up.
+        """Pose commands (8 x hands) of one scripted demonstration; the last repeats once they are used up.
 
         The expert sees the simulator's state: it reads ``world`` when the next command is asked for.
 
         Args:
             world: Reset to the initial state.
-            start: (8,) the hand's pose vector there.
+            start: (8 x hands) the hands' pose vectors there.
             rng: For the natural variation of the demonstration.
         """
         ...

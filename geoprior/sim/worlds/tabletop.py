@@ -1,4 +1,4 @@
-"""The world that all tasks share: an arm beside a table, two cameras, absolute control of the hand."""
+"""The world that all tasks share: arms beside a table, cameras, absolute control of the hands."""
 
 from __future__ import annotations
 
@@ -17,6 +17,8 @@ from geoprior.geometry.se3 import (
     make_transform,
 )
 from geoprior.geometry.seeding import generator
+from geoprior.scene.hand import HAND
+from geoprior.sim.arm import Arm
 from geoprior.sim.backend import prepare_robosuite
 from geoprior.sim.kinematics import solve_joints
 
@@ -38,18 +40,18 @@ TABLE_TOP = np.array([0.0, 0.0, 0.8])
 THIRD_CAMERA_POSITION = np.array([0.42, 0.25, 0.49])
 THIRD_CAMERA_TARGET = np.array([0.0, 0.01, 0.12])
 
-START_POSITION = np.array([-0.07, 0.0, 0.26])
+START_POSITION = np.array(Arm.start)
 START_REACH = np.array([0.03, 0.03, 0.025])
 START_YAW = np.radians(10.0)
-"""An episode begins with an open hand that points straight down, its position drawn evenly within +- reach
-about the start (metres, workspace frame) and its up axis within +- yaw of the workspace's +x."""
+"""An episode begins with open hands that point straight down, each one's position drawn evenly within +-
+reach about its arm's start (metres, workspace frame) and its up axis within +- yaw of the workspace's +x."""
 
 _MUJOCO_CAMERA_AXES = np.diag([1.0, -1.0, -1.0])
 """MuJoCo's cameras look along -z with +y up; ours along +z with +y down."""
 
 _HAND_DOWN = Rotation.from_quat(REFERENCE_QUATERNION)
 
-HAND_CAMERA = "hand"
+HAND_CAMERA = HAND
 THIRD_CAMERA = "third"
 
 TABLE_COLOUR = (0.66, 0.65, 0.62, 1.0)
@@ -62,24 +64,30 @@ REST_TURNING = 0.3
 
 
 class Tabletop(ManipulationEnv):  # type: ignore[misc]  # robosuite has no types
-    """An arm at a table; a task's world adds objects and says how they are placed and judged.
+    """Arms at a table; a task's world adds objects and says how they are placed and judged.
 
     It is a robosuite environment like any other: it can be stepped by robosuite's own loop. Placing,
     judging and drawing are ours.
 
     Args:
-        robot: The arm.
+        robot: The arm; see `make_arms`.
         setting: How it is seen and paced.
+
+    Attributes:
+        third_camera: (3,) where the third camera stands and (3,) what it looks at, workspace frame, metres.
     """
+
+    third_camera = (THIRD_CAMERA_POSITION, THIRD_CAMERA_TARGET)
 
     def __init__(self, robot: Robot, setting: Setting) -> None:
         self.robot = robot
+        self.arms = {arm.hand: arm for arm in self.make_arms(robot)}
         self.state_seed = 0
         self._cameras, self._look = setting.cameras, setting.look
         super().__init__(
-            robots=robot.robosuite_name,
-            controller_configs=_absolute_pose_control(),
-            gripper_types=robot.gripper,
+            robots=[arm.robot.robosuite_name for arm in self.arms.values()],
+            controller_configs=[_absolute_pose_control() for _ in self.arms],
+            gripper_types=[arm.robot.gripper for arm in self.arms.values()],
             initialization_noise=None,
             use_camera_obs=False,
             has_offscreen_renderer=False,
@@ -91,6 +99,13 @@ class Tabletop(ManipulationEnv):  # type: ignore[misc]  # robosuite has no types
         )
 
     # What a task's world fills in -----------------------------------------------------------------
+
+    def make_arms(self, robot: Robot) -> Sequence[Arm]:
+        """The arms, in pose order; called before anything else is built.
+
+        A world with more than the one arm in its usual place says here which ones and where.
+        """
+        return [Arm(robot)]
 
     def make_objects(self) -> Sequence[Any]:
         """The robosuite objects on the table."""
@@ -110,19 +125,25 @@ class Tabletop(ManipulationEnv):  # type: ignore[misc]  # robosuite has no types
 
     # Frames -----------------------------------------------------------------------------------------
 
-    def transform_hand_to_workspace(self) -> FloatArray:
-        """(4, 4) of the hand frame now; see `geoprior.sim.robots.robot.Robot`."""
+    @property
+    def hands(self) -> tuple[str, ...]:
+        """Names of the arms' hands, in pose order."""
+        return tuple(self.arms)
+
+    def transform_hand_to_workspace(self, hand: str = HAND) -> FloatArray:
+        """(4, 4) of a hand's frame now; see `geoprior.sim.robots.robot.Robot`."""
         data = self.sim.data
-        site = self.robots[0].eef_site_id["right"]
-        rotation = data.site_xmat[site].reshape(3, 3) @ np.array(self.robot.rotation_hand_to_site)
+        site = self.robots[self.hands.index(hand)].eef_site_id["right"]
+        rotation = data.site_xmat[site].reshape(3, 3) @ np.array(self.arms[hand].robot.rotation_hand_to_site)
         return make_transform(rotation, data.site_xpos[site] - TABLE_TOP)
 
-    def transform_camera_to_hand(self) -> FloatArray:
-        """(4, 4) of the hand camera in the hand frame."""
+    def transform_camera_to_hand(self, hand: str = HAND) -> FloatArray:
+        """(4, 4) of a hand's camera in the hand frame."""
+        robot = self.arms[hand].robot
         # A positive pitch turns the line of sight from forward towards minus up: to the finger tips of a
         # camera that sits on the up side.
-        pitch = Rotation.from_euler("x", self.robot.camera_pitch).as_matrix()
-        return make_transform(pitch @ TRANSFORM_CAMERA_TO_HAND_AXES, np.array(self.robot.camera_position))
+        pitch = Rotation.from_euler("x", robot.camera_pitch).as_matrix()
+        return make_transform(pitch @ TRANSFORM_CAMERA_TO_HAND_AXES, np.array(robot.camera_position))
 
     def transform_camera_to_workspace(self) -> FloatArray:
         """(4, 4) of the third camera in the workspace frame, where the look has put it."""
@@ -147,8 +168,8 @@ class Tabletop(ManipulationEnv):  # type: ignore[misc]  # robosuite has no types
         return bool(speed < REST_SPEED and turning < REST_TURNING)
 
     def object_in_hand(self, thing: Any) -> bool:
-        """Whether any part of the gripper touches an object."""
-        return bool(self.check_contact(thing, self.robots[0].gripper["right"]))
+        """Whether any part of a gripper touches an object."""
+        return any(self.check_contact(thing, robot.gripper["right"]) for robot in self.robots)
 
     # robosuite's hooks ------------------------------------------------------------------------------
 
@@ -161,14 +182,16 @@ class Tabletop(ManipulationEnv):  # type: ignore[misc]  # robosuite has no types
 
     def _load_model(self) -> None:
         super()._load_model()
-        model = self.robots[0].robot_model
-        model.set_base_xpos(model.base_xpos_offset["table"](TABLE_SIZE[0]))
+        models = [robot.robot_model for robot in self.robots]
+        for model, arm in zip(models, self.arms.values(), strict=True):
+            usual = np.array(model.base_xpos_offset["table"](TABLE_SIZE[0]))
+            model.set_base_xpos(usual + np.array([*arm.base, 0.0]))
         arena = TableArena(table_full_size=TABLE_SIZE, table_offset=TABLE_TOP)
         arena.set_origin([0.0, 0.0, 0.0])
         _paint(arena)
         self._add_cameras(arena)
         self.objects = list(self.make_objects())
-        self.model = ManipulationTask(mujoco_arena=arena, mujoco_robots=[model], mujoco_objects=self.objects)
+        self.model = ManipulationTask(mujoco_arena=arena, mujoco_robots=models, mujoco_objects=self.objects)
         self._look.furnish(self.model.root)
 
     def _initialize_sim(self, xml_string: str | None = None) -> None:
@@ -181,41 +204,45 @@ class Tabletop(ManipulationEnv):  # type: ignore[misc]  # robosuite has no types
         return {}
 
     def _reset_internal(self) -> None:
-        self.robots[0].init_qpos = self._start_joints()
+        for robot, arm in zip(self.robots, self.arms.values(), strict=True):
+            robot.init_qpos = self._start_joints(robot, arm)
         super()._reset_internal()
         self.place_objects(generator(self.state_seed, "state", "objects"))
-        gripper = self.robots[0].gripper["right"]
-        # robosuite starts half closed and opens during the first half second.
-        gripper.current_action = -np.ones_like(gripper.init_qpos[:1])
+        for robot in self.robots:
+            gripper = robot.gripper["right"]
+            # robosuite starts half closed and opens during the first half second.
+            gripper.current_action = -np.ones_like(gripper.init_qpos[:1])
 
-    def _start_joints(self) -> FloatArray:
-        """Joint angles of the hand's start pose, drawn around `START_POSITION`."""
-        rng = generator(self.state_seed, "state", "hand")
-        position = START_POSITION + rng.uniform(-START_REACH, START_REACH)
+    def _start_joints(self, robot: Any, arm: Arm) -> FloatArray:
+        """Joint angles of a hand's start pose, drawn around its arm's start."""
+        rng = generator(self.state_seed, "state", arm.hand)
+        position = np.array(arm.start) + rng.uniform(-START_REACH, START_REACH)
         rotation = Rotation.from_euler("z", rng.uniform(-START_YAW, START_YAW)) * _HAND_DOWN
-        to_site = np.array(self.robot.rotation_hand_to_site).T
+        to_site = np.array(arm.robot.rotation_hand_to_site).T
         model, data = self.sim.model._model, self.sim.data._data
-        robot = self.robots[0]
         return solve_joints(
             model,
             data,
             model.site(robot.gripper["right"].important_sites["grip_site"]).id,
             [model.joint(name).id for name in robot.robot_model.joints],
             make_transform(rotation.as_matrix() @ to_site, position + TABLE_TOP),
-            np.array(self.robot.home_joints),
+            np.array(arm.robot.home_joints),
         )
 
     def _add_cameras(self, arena: TableArena) -> None:
-        third = look_at(THIRD_CAMERA_POSITION, THIRD_CAMERA_TARGET, np.array([0.0, 0.0, 1.0]))
+        third = look_at(*self.third_camera, np.array([0.0, 0.0, 1.0]))
         third[:3, 3] += TABLE_TOP
         arena.worldbody.append(_camera(THIRD_CAMERA, third, self._cameras.third.vertical_fov))
-        gripper = self.robots[0].gripper["right"]
+        for robot, arm in zip(self.robots, self.arms.values(), strict=True):
+            self._add_hand_camera(robot.gripper["right"], arm)
+
+    def _add_hand_camera(self, gripper: Any, arm: Arm) -> None:
         name = gripper.important_sites["grip_site"]
         body = next(body for body in gripper.worldbody.iter("body") if _site(body, name) is not None)
         transform_site_to_body = _transform_of(_site(body, name))
-        transform_hand_to_site = make_transform(np.array(self.robot.rotation_hand_to_site), np.zeros(3))
-        to_body = transform_site_to_body @ transform_hand_to_site @ self.transform_camera_to_hand()
-        body.append(_camera(HAND_CAMERA, to_body, self._cameras.hand.vertical_fov))
+        transform_hand_to_site = make_transform(np.array(arm.robot.rotation_hand_to_site), np.zeros(3))
+        to_body = transform_site_to_body @ transform_hand_to_site @ self.transform_camera_to_hand(arm.hand)
+        body.append(_camera(arm.hand, to_body, self._cameras.hand.vertical_fov))
 
 
 def _absolute_pose_control() -> dict[str, Any]:

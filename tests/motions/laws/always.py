@@ -19,7 +19,7 @@ def contact(take):
 
 
 def hand_frames_are_right_handed_rotations(take):
-    frames = take.trajectory.transforms_hand_to_world[:, :3, :3]
+    frames = take.trajectory.hand.transforms_hand_to_world[:, :3, :3]
     identity = np.broadcast_to(np.eye(3), frames.shape)
     np.testing.assert_allclose(np.swapaxes(frames, 1, 2) @ frames, identity, atol=1e-9)
     right, up, forward = np.moveaxis(frames, 2, 0)
@@ -28,20 +28,20 @@ def hand_frames_are_right_handed_rotations(take):
 
 def poses_hold_continuous_unit_quaternions_from_the_reference_on(take):
     trajectory = take.trajectory
-    frames = trajectory.transforms_hand_to_world
-    poses = pose_vectors(frames, trajectory.gripper).astype(np.float64)
+    frames = trajectory.hand.transforms_hand_to_world
+    poses = pose_vectors(frames, trajectory.hand.gripper).astype(np.float64)
     quaternions = poses[:, 3:7]
     np.testing.assert_allclose(np.linalg.norm(quaternions, axis=1), 1.0, atol=1e-6)
     assert np.all(np.sum(quaternions[1:] * quaternions[:-1], axis=1) > 0.98)
     assert quaternions[0] @ STRAIGHT_DOWN > 0.3, "clear of the edge where the sign would be a toss"
     np.testing.assert_allclose(Rotation.from_quat(quaternions).as_matrix(), frames[:, :3, :3], atol=1e-6)
     np.testing.assert_allclose(poses[:, :3], frames[:, :3, 3], atol=1e-7)
-    np.testing.assert_array_equal(poses[:, 7], trajectory.gripper)
+    np.testing.assert_array_equal(poses[:, 7], trajectory.hand.gripper)
 
 
 def it_starts_from_the_scene(take):
     trajectory, scene = take.trajectory, take.scene
-    start = trajectory.transforms_hand_to_world[0]
+    start = trajectory.hand.transforms_hand_to_world[0]
     np.testing.assert_allclose(start, scene.hand.transform_hand_to_world, atol=1e-12)
     start = trajectory.transforms_object_to_world[0]
     np.testing.assert_array_equal(start, scene.object.transform_object_to_world)
@@ -49,9 +49,9 @@ def it_starts_from_the_scene(take):
 
 def every_step_has_all_its_parts(take):
     trajectory = take.trajectory
-    steps = len(trajectory.gripper)
+    steps = len(trajectory.hand.gripper)
     assert len(trajectory.phases) == steps
-    for transforms in (trajectory.transforms_hand_to_world, trajectory.transforms_object_to_world):
+    for transforms in (trajectory.hand.transforms_hand_to_world, trajectory.transforms_object_to_world):
         assert transforms.shape == (steps, 4, 4)
         np.testing.assert_array_equal(transforms[:, 3], np.broadcast_to([0.0, 0.0, 0.0, 1.0], (steps, 4)))
 
@@ -64,20 +64,20 @@ def the_object_never_sinks_below_the_floor_nor_tilts(take):
 
 
 def the_hands_origin_stays_above_the_floor(take):
-    assert take.trajectory.transforms_hand_to_world[:, 2, 3].min() > take.scene.floor.height
+    assert take.trajectory.hand.transforms_hand_to_world[:, 2, 3].min() > take.scene.floor.height
 
 
 def the_object_waits_and_then_moves_with_the_hand(take):
     trajectory, first = take.trajectory, contact(take)
     waiting = trajectory.transforms_object_to_world[: first + 1]
     np.testing.assert_array_equal(waiting, np.broadcast_to(waiting[0], waiting.shape))
-    relative = invert(trajectory.transforms_hand_to_world) @ trajectory.transforms_object_to_world
+    relative = invert(trajectory.hand.transforms_hand_to_world) @ trajectory.transforms_object_to_world
     held = relative[first:]
     np.testing.assert_allclose(held, np.broadcast_to(held[0], held.shape), rtol=0.0, atol=1e-6)
 
 
 def the_approach_is_a_straight_line_at_even_steps(take):
-    way = take.trajectory.transforms_hand_to_world[: contact(take) + 1, :3, 3]
+    way = take.trajectory.hand.transforms_hand_to_world[: contact(take) + 1, :3, 3]
     times = np.linspace(0.0, 1.0, len(way))[:, None]
     np.testing.assert_allclose(way, (1.0 - times) * way[0] + times * way[-1], atol=1e-12)
 
@@ -85,7 +85,7 @@ def the_approach_is_a_straight_line_at_even_steps(take):
 def the_hand_is_outside_the_object_from_contact_on(take):
     """Before that, the straight approach of a push may lead through the object, as the paper has it."""
     trajectory, scene = take.trajectory, take.scene
-    relative = invert(trajectory.transforms_object_to_world) @ trajectory.transforms_hand_to_world
+    relative = invert(trajectory.transforms_object_to_world) @ trajectory.hand.transforms_hand_to_world
     held = relative[contact(take) :]
     assert depth_of_the_hand_in_the_object(scene.object.mesh, scene.hand.cube, held).max() <= 1e-9
 

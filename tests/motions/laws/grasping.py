@@ -12,7 +12,7 @@ LIFT = (0.08, 0.2)
 
 
 def grasp_pose(take):
-    return take.trajectory.transforms_hand_to_world[take.trajectory.phases.index("grasp")]
+    return take.trajectory.hand.transforms_hand_to_world[take.trajectory.phases.index("grasp")]
 
 
 def the_grasps_forward_axis_meets_the_objects_centre(take):
@@ -42,7 +42,8 @@ def the_grasp_point_lies_outside_the_nearest_slender_face(take):
 
 
 def forward_follows_the_papers_slerp_and_nothing_twists(take):
-    frames = take.trajectory.transforms_hand_to_world[: take.trajectory.phases.index("grasp") + 1, :3, :3]
+    grasp = take.trajectory.phases.index("grasp")
+    frames = take.trajectory.hand.transforms_hand_to_world[: grasp + 1, :3, :3]
     first, last = frames[0, :, 2], frames[-1, :, 2]
     theta = np.arctan2(np.linalg.norm(np.cross(first, last)), first @ last)
     times = np.linspace(0.0, 1.0, len(frames))[:, None]
@@ -55,13 +56,13 @@ def forward_follows_the_papers_slerp_and_nothing_twists(take):
 
 def the_hand_is_never_inside_the_object(take):
     trajectory, scene = take.trajectory, take.scene
-    relative = invert(trajectory.transforms_object_to_world) @ trajectory.transforms_hand_to_world
+    relative = invert(trajectory.transforms_object_to_world) @ trajectory.hand.transforms_hand_to_world
     assert depth_of_the_hand_in_the_object(scene.object.mesh, scene.hand.cube, relative).max() <= 1e-9
 
 
 def pick_closes_at_the_last_step_only(take):
-    steps = len(take.trajectory.gripper)
-    np.testing.assert_array_equal(take.trajectory.gripper, [0.0] * (steps - 1) + [1.0])
+    steps = len(take.trajectory.hand.gripper)
+    np.testing.assert_array_equal(take.trajectory.hand.gripper, [0.0] * (steps - 1) + [1.0])
     assert take.trajectory.phases == ("approach",) * (steps - 1) + ("grasp",)
 
 
@@ -72,7 +73,7 @@ def pick_leaves_the_object_and_draws_no_marker(take):
 
 
 def place_grasps_half_way_and_opens_at_the_goal(take):
-    gripper, phases = take.trajectory.gripper, take.trajectory.phases
+    gripper, phases = take.trajectory.hand.gripper, take.trajectory.phases
     first, steps = round(0.5 * len(gripper)) - 1, len(gripper)
     np.testing.assert_array_equal(gripper, [0.0] * first + [1.0] * (steps - first - 1) + [0.0])
     expected = ["approach"] * first + ["grasp"] + ["transport"] * (steps - first - 2) + ["release"]
@@ -84,7 +85,7 @@ def place_ends_where_the_papers_equations_say(take):
     start, goal = trajectory.transforms_object_to_world[[0, -1]]
     r_rand = goal[:3, :3] @ start[:3, :3].T
     delta_p = grasp[:3, 3] - start[:3, 3]
-    placed = trajectory.transforms_hand_to_world[-1]
+    placed = trajectory.hand.transforms_hand_to_world[-1]
     np.testing.assert_allclose(placed[:3, 3], goal[:3, 3] + r_rand @ delta_p, atol=1e-9)
     np.testing.assert_allclose(placed[:3, :3], r_rand @ grasp[:3, :3], atol=1e-9)
     np.testing.assert_allclose(r_rand[2], [0.0, 0.0, 1.0], atol=1e-9)
@@ -94,7 +95,7 @@ def place_ends_where_the_papers_equations_say(take):
 
 def transport_is_a_bezier_curve_that_leaves_and_lands_vertically(take):
     first = take.trajectory.phases.index("grasp")
-    path = take.trajectory.transforms_hand_to_world[first:, :3, 3]
+    path = take.trajectory.hand.transforms_hand_to_world[first:, :3, 3]
     t = np.linspace(0.0, 1.0, len(path))
     early, late = 3.0 * t * (1.0 - t) ** 2, 3.0 * t**2 * (1.0 - t)
     ends = ((1.0 - t) ** 3 + early)[:, None] * path[0] + (t**3 + late)[:, None] * path[-1]
@@ -109,7 +110,7 @@ def transport_is_a_bezier_curve_that_leaves_and_lands_vertically(take):
 
 def transport_turns_steadily_about_world_up(take):
     first = take.trajectory.phases.index("grasp")
-    frames = take.trajectory.transforms_hand_to_world[first:, :3, :3]
+    frames = take.trajectory.hand.transforms_hand_to_world[first:, :3, :3]
     turns = Rotation.from_matrix(frames[1:] @ np.swapaxes(frames[:-1], 1, 2)).as_rotvec()
     np.testing.assert_allclose(turns, np.broadcast_to([0.0, 0.0, turns[0, 2]], turns.shape), atol=1e-9)
 

@@ -10,7 +10,7 @@ from geoprior.geometry.se3 import apply
 
 def push_poses(take):
     """(M, 4, 4) hand poses from T_start to T_push."""
-    return take.trajectory.transforms_hand_to_world[take.trajectory.phases.index("push") - 1 :]
+    return take.trajectory.hand.transforms_hand_to_world[take.trajectory.phases.index("push") - 1 :]
 
 
 def v_push(take):
@@ -20,7 +20,7 @@ def v_push(take):
 
 
 def the_gripper_stays_open_and_half_the_steps_push(take):
-    gripper, phases = take.trajectory.gripper, take.trajectory.phases
+    gripper, phases = take.trajectory.hand.gripper, take.trajectory.phases
     np.testing.assert_array_equal(gripper, 0.0)
     approach = round(0.5 * len(gripper))
     assert phases == ("approach",) * approach + ("push",) * (len(gripper) - approach)
@@ -59,7 +59,7 @@ def the_object_does_not_turn(take):
 
 
 def the_approach_turns_at_a_constant_rate_the_shorter_way(take):
-    frames = take.trajectory.transforms_hand_to_world[: take.trajectory.phases.index("push"), :3, :3]
+    frames = take.trajectory.hand.transforms_hand_to_world[: take.trajectory.phases.index("push"), :3, :3]
     whole = Rotation.from_matrix(frames[0].T @ frames[-1]).as_rotvec()
     turns = Rotation.from_matrix(np.swapaxes(frames[:-1], 1, 2) @ frames[1:]).as_rotvec()
     expected = np.broadcast_to(whole / (len(frames) - 1), turns.shape)

@@ -64,7 +64,7 @@ def the_hand_points_near_the_object(take):
 
 
 def the_hand_camera_has_the_object_in_its_first_frame(take):
-    view, pose = take.scene.hand_view, take.scene.hand.transform_hand_to_world
+    view, pose = take.scene.hand.view, take.scene.hand.transform_hand_to_world
     right, up, forward = pose[:3, :3].T
     position, axes = pose[:3, 3] - BEHIND_THE_HAND * forward, np.column_stack([-right, -up, forward])
     assert_in_frame(take.scene.object.vertices, position, axes, HAND_FOV, (view.height, view.width))
