@@ -38,6 +38,11 @@ BENCHMARKS = {
         "control steps a second with both cameras drawn, against robosuite's own loop (minutes)",
         "geoprior.bench.rollout",
     ),
+    "train": Benchmark(
+        "samples a second of ACT's training, and the machine's own limits (minutes)",
+        "geoprior.bench.training",
+    ),
+    "infer": Benchmark("how long ACT thinks, alone and for 16 environments", "geoprior.bench.inference"),
     "demos": Benchmark(
         "20 demonstrations of each of the paper's arms and tasks (minutes)", "geoprior.bench.demos"
     ),

@@ -204,11 +204,17 @@ def load_weights(policy: nn.Module, path: Path, which: Part = "all") -> tuple[st
     return fill(policy, tensors, path)
 
 
-def load_predictor(path: Path) -> LoadedPredictor:
-    """Load a checkpoint for rollouts, in fp32; see `geoprior.policies.policy.Predictor`.
+def load_half_predictor(path: Path) -> LoadedPredictor:
+    """`load_predictor`, computing in bfloat16."""
+    return load_predictor(path, half=True)
+
+
+def load_predictor(path: Path, *, half: bool = False) -> LoadedPredictor:
+    """Load a checkpoint for rollouts; see `geoprior.policies.policy.Predictor`.
 
     Args:
         path: Of the ``.safetensors`` file.
+        half: Compute in bfloat16 instead of float32.
 
     Raises:
         DataError: The pair is missing, damaged or foreign, or does not fit its own description.
@@ -218,4 +224,4 @@ def load_predictor(path: Path) -> LoadedPredictor:
     normaliser = Normaliser(header.statistics)
     policy: nn.Module = plugins().build("policy", header.policy, header.features)
     fill(policy, tensors, path)
-    return LoadedPredictor(policy, header.features, header.fps, normaliser)
+    return LoadedPredictor(policy, header.features, header.fps, normaliser, half=half)

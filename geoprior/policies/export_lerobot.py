@@ -26,11 +26,11 @@ from geoprior.policies.act._lerobot_files import (
     write_processors,
 )
 from geoprior.policies.act._positions import sinusoid_1d
-from geoprior.policies.act._resnet import ResNet18
 from geoprior.policies.act.lerobot_names import COUNTER, POSITION_TABLE, to_lerobot
 from geoprior.policies.checkpoint import CheckpointHeader, load_checkpoint
 from geoprior.policies.normalise import Normaliser, normalise_images
 from geoprior.policies.tensors import fill, save_tensors
+from geoprior.policies.trunk import ResNet18
 
 if TYPE_CHECKING:
     from geoprior.policies.act._network import ActNetwork

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol, TypedDict
+from typing import TYPE_CHECKING, Literal, Protocol, TypedDict
 
 from pydantic import Field
 
@@ -15,6 +15,10 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
     from torch import Tensor
+
+
+TrunkNorm = Literal["batch", "frozen", "group"]
+"""Norms of `geoprior.policies.trunk.ResNet18`: trainable batch norm, one that stays as it is, group norm."""
 
 
 class PolicyOptions(Options):

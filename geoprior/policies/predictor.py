@@ -9,6 +9,7 @@ import numpy as np
 import torch
 
 from geoprior.errors import DataError
+from geoprior.policies.halves import halve
 from geoprior.policies.normalise import Normaliser, normalise_images
 from geoprior.shards.episode import POSE_SIZE
 
@@ -30,11 +31,23 @@ class LoadedPredictor:
         features: What it sees and says.
         fps: Actions a second.
         normaliser: With the checkpoint's statistics.
+        half: Compute in bfloat16; the policy's large weights are rounded for good.
     """
 
-    def __init__(self, policy: nn.Module, features: Features, fps: float, normaliser: Normaliser) -> None:
+    def __init__(
+        self,
+        policy: nn.Module,
+        features: Features,
+        fps: float,
+        normaliser: Normaliser,
+        *,
+        half: bool = False,
+    ) -> None:
+        if half:
+            halve(policy)
         self.features = features
         self.fps = fps
+        self._half = half
         self._policy = cast("Policy", policy.eval())
         self._normaliser = normaliser
 
@@ -48,7 +61,7 @@ class LoadedPredictor:
         """
         stacked = self._stack(pose, images)
         poses = torch.from_numpy(self._normaliser.normalise("pose", pose))
-        with torch.inference_mode():
+        with torch.inference_mode(), torch.autocast("cpu", torch.bfloat16, enabled=self._half):
             frames = normalise_images(torch.from_numpy(stacked))
             actions = self._policy.predict({"pose": poses, "images": frames}).numpy()
         return to_commands(self._normaliser.denormalise("action", actions))

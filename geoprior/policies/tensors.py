@@ -20,7 +20,7 @@ _REBUILD = "build the policy with the options of the checkpoint's JSON"
 
 
 def fill(
-    policy: nn.Module, tensors: Mapping[str, Tensor], path: Path, prefixes: tuple[str, ...] = ("",)
+    policy: nn.Module, tensors: Mapping[str, Tensor], path: Path | str, prefixes: tuple[str, ...] = ("",)
 ) -> tuple[str, ...]:
     """Copy tensors into the policy's own, where names begin with one of the prefixes; strict.
 
@@ -44,7 +44,7 @@ def fill(
     return tuple(own)
 
 
-def _refuse(path: Path, fault: str, names: Iterable[str]) -> None:
+def _refuse(path: Path | str, fault: str, names: Iterable[str]) -> None:
     ordered = sorted(names)
     if ordered:
         more = f" (and {len(ordered) - 1} more)" if len(ordered) > 1 else ""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Self
+from typing import Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
@@ -116,11 +116,16 @@ class EvaluateConfig(Options):
         description="Trials that run side by side in a worker, so that the policy looks for all of them at "
         "once. Each has an environment of its own.",
     )
+    precision: Literal["fp32", "bf16"] = Field(
+        "fp32",
+        description="Of the policy's arithmetic. `bf16` is faster for large policies on CPUs that have AMX; "
+        "trials may end otherwise in it.",
+    )
     films: int = Field(
         2, ge=0, le=100, description="Trials to film of every condition's last checkpoint, the first ones."
     )
     film_size: int = Field(
-        192, ge=32, le=1024, multiple_of=2, description="Rows and columns of each of a film's two views."
+        192, ge=32, le=1024, multiple_of=2, description="Rows and columns of each of a film's views."
     )
 
     @property

@@ -16,7 +16,7 @@ import torch
 from geoprior.errors import ConfigError, DataError
 from geoprior.geometry.camera import CamerasConfig
 from geoprior.options import Choice
-from geoprior.policies.checkpoint import list_checkpoints, load_predictor
+from geoprior.policies.checkpoint import list_checkpoints, load_half_predictor, load_predictor
 from geoprior.progress import track
 from geoprior.shards.episode import POSE_SIZE
 from geoprior.sim.config import SIMULATION_RATE, EvaluateConfig
@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 ROLLOUTS = "rollouts.jsonl"
 FILMS = "films"
 Loader = Callable[[Path], "Predictor"]
+LOADERS: dict[str, Loader] = {"fp32": load_predictor, "bf16": load_half_predictor}
+"""By `EvaluateConfig.precision`."""
 _TRAINING = re.compile(r"(?P<condition>.+)-s(?P<seed>\d+)")
 
 
@@ -103,7 +105,7 @@ def evaluate(
     checkpoints: Sequence[CheckpointRef],
     executor: Executor,
     out: Path,
-    load: Loader = load_predictor,
+    load: Loader | None = None,
 ) -> Mapping[str, Any]:
     """Run every trial that ``rollouts.jsonl`` does not hold yet.
 
@@ -120,7 +122,7 @@ def evaluate(
         checkpoints: What to roll out.
         executor: Runs trials side by side; the records do not depend on it.
         out: Run folder, for ``rollouts.jsonl`` and ``films/``.
-        load: Loads a checkpoint.
+        load: Loads a checkpoint; by default as the config's precision wants it.
 
     Returns:
         ``trials`` and ``successes``.
@@ -142,7 +144,7 @@ def evaluate(
             config,
             setup,
             {state: films[ref, state] for state in states if (ref, state) in films},
-            load,
+            load or LOADERS[config.precision],
         )
         for ref, states in _grouped(missing, config.batch)
     ]
@@ -165,6 +167,7 @@ def roll_out(group: TrialGroup) -> list[TrialRecord]:
         predictor = _predictor(group.load, group.checkpoint.path)
         rate = _control_rate(group.checkpoint, predictor)
         pool = environments(group.setup, rate, len(group.states))
+        _require_same_body(group.checkpoint, predictor, pool[0])
         shows: dict[int, list[Any]] = {state: [] for state in group.films}
         trials = {
             state: _begin(group, env, state, shows.get(state))
@@ -268,12 +271,22 @@ def _control_rate(checkpoint: CheckpointRef, predictor: Predictor) -> int:
             f"{SIMULATION_RATE} steps a second cannot be shared out evenly",
             "train at 10, 20, 25 or 50 actions a second: demos.control_rate / finetune.skip",
         )
-    if predictor.features.pose_size != POSE_SIZE:
-        raise DataError(
-            f"{checkpoint.path}: the policy moves {predictor.features.pose_size // POSE_SIZE} hands and the "
-            "robot has one"
-        )
     return rate
+
+
+def _require_same_body(checkpoint: CheckpointRef, predictor: Predictor, env: Environment) -> None:
+    """The policy must move as many hands as there are, and look through cameras that are there."""
+    hands, seen = predictor.features.pose_size // POSE_SIZE, {camera.name for camera in env.camera_headers()}
+    if hands != len(env.hands):
+        raise DataError(
+            f"{checkpoint.path}: the policy moves {hands} hands and task {env.task.name!r} has "
+            f"{len(env.hands)}: {', '.join(env.hands)}"
+        )
+    if not seen.issuperset(predictor.features.cameras):
+        raise DataError(
+            f"{checkpoint.path}: the policy looks through {', '.join(predictor.features.cameras)} and task "
+            f"{env.task.name!r} has {', '.join(sorted(seen))}"
+        )
 
 
 @contextmanager

@@ -60,9 +60,19 @@ class TrainConfig(Options):
     precision: Literal["auto", "bf16", "fp32"] = Field(
         "auto", description="`auto` times both on this machine; what was chosen stands in machine.json."
     )
+    compile: bool = Field(
+        default=False,
+        description="Train through torch.compile, which takes minutes and a C++ compiler: it pays on GPUs.",
+    )
     threads: int = Field(0, ge=0, le=1024, description="Threads of the arithmetic; 0 takes all usable cores.")
+    loader_workers: int = Field(
+        1,
+        ge=0,
+        le=64,
+        description="Threads that prepare batches; 0: each when it is wanted. Never changes a result.",
+    )
     prefetch: int = Field(
-        2, ge=0, le=64, description="Batches read ahead in a thread; never changes a result."
+        2, ge=0, le=64, description="Batches prepared ahead by those threads; never changes a result."
     )
     frame_cache_mb: int = Field(
         256,
@@ -87,6 +97,11 @@ class TrainConfig(Options):
 class PretrainConfig(TrainConfig):
     """Training on the geometric data set."""
 
+    init: Literal["scratch", "imagenet"] = Field(
+        "scratch",
+        description="`scratch`: random weights; `imagenet`: a trunk trained on ImageNet, which torchvision "
+        "fetches, the rest random.",
+    )
     epochs: int = Field(
         128, ge=1, le=10_000_000, description="Passes over the episodes, one time step of each."
     )
@@ -100,8 +115,9 @@ class PretrainConfig(TrainConfig):
 class ConditionConfig(Options):
     """One way to begin fine-tuning."""
 
-    init: Literal["scratch", "prior"] = Field(
-        description="`scratch`: random weights; `prior`: those of the last checkpoint of pretraining."
+    init: Literal["scratch", "prior", "imagenet"] = Field(
+        description="`scratch`: random weights; `prior`: those of the last checkpoint of pretraining; "
+        "`imagenet`: a trunk trained on ImageNet, which torchvision fetches, the rest random."
     )
     weights: Literal["all", "trunk"] = Field(
         "all", description="Which of the prior's weights are taken; the rest begins at random."
@@ -112,9 +128,9 @@ class ConditionConfig(Options):
     )
 
     @model_validator(mode="after")
-    def _scratch_takes_nothing(self) -> Self:
-        if self.init == "scratch" and (self.weights != "all" or self.statistics != "new"):
-            raise ValueError("init 'scratch' has no prior to take weights or statistics from")
+    def _only_a_prior_gives(self) -> Self:
+        if self.init != "prior" and (self.weights != "all" or self.statistics != "new"):
+            raise ValueError(f"init {self.init!r} has no prior to take weights or statistics from")
         return self
 
 

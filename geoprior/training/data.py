@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Generator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import starmap
+from threading import Lock
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -87,6 +88,7 @@ class Batches:
         self._slots = np.arange(len(source)) if slots is None else np.array(slots)
         self._lengths = np.array([len(pose) for pose in source.poses])
         self._order = SampleOrder(seed, self._lengths[self._slots].tolist())
+        self._reading = Lock()
 
     def batch(self, step: int, part: int = 0) -> Batch:
         """A microbatch of the batch of optimiser step ``step``, both from 0."""
@@ -98,7 +100,8 @@ class Batches:
         slots = self._slots[places]
         numbers = positions // len(self._slots) * len(self._source) + slots
         steps, valid = chunk_steps(times, self._lengths[slots], self._features.chunk, self._config.skip)
-        moments = self._source.read(numbers, steps)
+        with self._reading:
+            moments = self._source.read(numbers, steps)
         rng = generator(self._seed, "augment", *_number(step, part, parts))
         frames = stack_cameras(moments.frames, self._features.cameras)
         if self._config.image_shift:
@@ -108,13 +111,14 @@ class Batches:
     def stream(self, first: int, last: int, parts: Sequence[int] = (0,)) -> Generator[Batch, None, None]:
         """Some microbatches of each of the steps ``first .. last - 1``, one after the other.
 
-        They are read ahead by a thread if the config says so.
+        They are prepared ahead by threads if the config says so. A batch depends on its numbers alone, so it
+        does not matter which thread makes it, or when.
         """
         wanted = ((step, part) for step in range(first, last) for part in parts)
-        if self._config.prefetch == 0:
+        if self._config.prefetch == 0 or self._config.loader_workers == 0:
             yield from starmap(self.batch, wanted)
             return
-        with ThreadPoolExecutor(1, thread_name_prefix="batches") as pool:
+        with ThreadPoolExecutor(self._config.loader_workers, thread_name_prefix="batches") as pool:
             ahead: deque[Future[Batch]] = deque()
             try:
                 for step, part in wanted:

@@ -59,7 +59,7 @@ class HeldOut:
         policy.eval()
         torch.manual_seed(_SEED)
         sums: dict[str, float] = {}
-        for batch in self._batches():
+        for batch in self.batches():
             moved = cast("Batch", {name: value.to(machine.device) for name, value in batch.items()})  # type: ignore[attr-defined]
             with (
                 torch.no_grad(),
@@ -72,7 +72,8 @@ class HeldOut:
         policy.train()
         return sums
 
-    def _batches(self) -> Iterator[Batch]:
+    def batches(self) -> Iterator[Batch]:
+        """The moments, normalised."""
         size = self._config.batch_size
         for first in range(0, len(self._slots), size):
             rows = slice(first, first + size)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, closing, contextmanager
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, cast
 
 import torch
 
@@ -30,8 +31,9 @@ from geoprior.training.team import Team
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from torch import nn
+    from torch import Tensor, nn
 
+    from geoprior.policies.policy import Batch, Policy
     from geoprior.training.config import TrainConfig
     from geoprior.training.data import Batches
     from geoprior.training.held_out import HeldOut
@@ -73,6 +75,12 @@ class Training:
     fingerprint: str
     team: Team = field(default_factory=Team)
     held_out: HeldOut | None = None
+
+    @cached_property
+    def loss(self) -> Callable[[Batch], tuple[Tensor, Mapping[str, Tensor]]]:
+        """The policy's, compiled where the config says so."""
+        plain = cast("Policy", self.policy).loss
+        return torch.compile(plain) if self.config.compile else plain
 
     @property
     def steps(self) -> int:
@@ -121,8 +129,9 @@ def _sweep(folder: Path) -> None:
 
 def _run(training: Training) -> dict[str, Any]:
     config, policy = training.config, training.policy.to(training.machine.device).train()
-    optimizer = make_optimizer(config, policy)
+    optimizer = make_optimizer(config, policy, training.machine)
     progress = load_progress(training.folder, training.fingerprint, policy, optimizer) or Progress(0, 0.0, {})
+    optimizer.refresh()
     saved = time.monotonic()
     begun = saved - progress.seconds
     due = _checkpoint_steps(training)

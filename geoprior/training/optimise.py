@@ -10,6 +10,7 @@ import torch
 
 from geoprior.errors import NumericalError
 from geoprior.geometry.seeding import integer_seed
+from geoprior.training.adamw import AdamW, HalfAdamW
 
 if TYPE_CHECKING:
     from torch import Tensor, nn
@@ -17,10 +18,14 @@ if TYPE_CHECKING:
     from geoprior.policies.policy import Batch, Policy
     from geoprior.training.config import TrainConfig
     from geoprior.training.loop import Training
+    from geoprior.training.machine import Machine
 
 
-def make_optimizer(config: TrainConfig, policy: nn.Module) -> torch.optim.AdamW:
-    """Fused AdamW with the trunk in its own group."""
+def make_optimizer(config: TrainConfig, policy: nn.Module, machine: Machine) -> AdamW:
+    """AdamW with the trunk in its own group.
+
+    A batch in several parts, which other processes may share, gathers its gradients in float32.
+    """
     prefixes = cast("Policy", policy).trunk_prefixes
     trunk: list[nn.Parameter] = []
     rest: list[nn.Parameter] = []
@@ -33,11 +38,13 @@ def make_optimizer(config: TrainConfig, policy: nn.Module) -> torch.optim.AdamW:
         for parameters, rate in zip((trunk, rest), rates, strict=True)
         if parameters
     ]
-    return torch.optim.AdamW(groups, weight_decay=config.weight_decay, fused=True)
+    if machine.device == "cpu" and machine.precision == "bf16" and config.microbatches == 1:
+        return HalfAdamW(groups, config.weight_decay, machine.threads)
+    return AdamW(groups, config.weight_decay)
 
 
 def take_step(
-    training: Training, optimizer: torch.optim.Optimizer, step: int, parts: Mapping[int, Batch]
+    training: Training, optimizer: AdamW, step: int, parts: Mapping[int, Batch]
 ) -> dict[str, float]:
     """One optimiser step; its randomness depends on the seed and the numbers of step and part only.
 
@@ -62,7 +69,9 @@ def take_step(
     metrics: dict[str, float] = {}
     for number, batch in parts.items():
         statistics.restore()
-        for name, value in _learn_part(training, step, number, batch).items():
+        with optimizer.lend():
+            learned = _learn_part(training, step, number, batch)
+        for name, value in learned.items():
             metrics[name] = metrics.get(name, 0.0) + value / config.microbatches
         statistics.add()
     metrics = _shared(training, metrics, [*_gradients(policy), *statistics.sums])
@@ -73,8 +82,7 @@ def take_step(
             f"the last good state is kept in {training.folder}; lower learning_rate or set gradient_clip",
         )
     if config.gradient_clip is not None:
-        norm = torch.nn.utils.clip_grad_norm_(policy.parameters(), config.gradient_clip)
-        metrics["gradient_norm"] = float(norm)
+        metrics["gradient_norm"] = optimizer.clip(config.gradient_clip)
     optimizer.step()
     return {**metrics, "learning_rate": config.learning_rate * warm}
 
@@ -86,7 +94,7 @@ def _learn_part(training: Training, step: int, number: int, batch: Batch) -> dic
     torch.manual_seed(integer_seed(training.seed, "step", *key))
     batch = cast("Batch", {name: value.to(device) for name, value in batch.items()})  # type: ignore[attr-defined]
     with torch.autocast(device, torch.bfloat16, enabled=training.machine.precision == "bf16"):
-        loss, scalars = cast("Policy", training.policy).loss(batch)
+        loss, scalars = training.loss(batch)
     (loss / microbatches).backward()  # type: ignore[no-untyped-call]
     return {**{name: float(value) for name, value in scalars.items()}, "loss": loss.item()}
 

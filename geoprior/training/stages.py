@@ -18,6 +18,7 @@ from geoprior.policies.checkpoint import (
     load_weights,
     read_header,
 )
+from geoprior.policies.imagenet import load_imagenet_trunk
 from geoprior.policies.normalise import Normaliser, Statistics, merge
 from geoprior.policies.policy import PolicyOptions
 from geoprior.shards.reader import EpisodeStore
@@ -43,8 +44,16 @@ if TYPE_CHECKING:
     from geoprior.sources.source import Source
     from geoprior.training.config import FinetuneConfig, PretrainConfig
 
-_SCRATCH = ConditionConfig(init="scratch")
-_SPEED_ONLY = {"prefetch", "frame_cache_mb", "resume_seconds", "log_every", "threads", "precision", "device"}
+_SPEED_ONLY = {
+    "loader_workers",
+    "prefetch",
+    "frame_cache_mb",
+    "resume_seconds",
+    "log_every",
+    "threads",
+    "precision",
+    "device",
+}
 
 
 @dataclass(frozen=True)
@@ -94,7 +103,8 @@ def pretrain(
         GeopriorError: See `geoprior.training.loop.fit`.
     """
     context = SourceContext(data, generate, cameras, seed, config.frame_cache_mb * 2**20)
-    job = Job("pretrain", integer_seed(seed, "pretrain"), _SCRATCH, None, out)
+    begin = ConditionConfig(init=config.init)
+    job = Job("pretrain", integer_seed(seed, "pretrain"), begin, None, out)
     with closing(plugins().build("source", config.source, context)) as source:
         return train(config, job, policy, source, _machine(config, out))
 
@@ -142,7 +152,7 @@ def train(config: TrainConfig, job: Job, choice: Choice, source: Source, machine
     slots, aside = split_slots(len(source), config.held_out, job.seed)
     statistics = _statistics(job, source, slots)
     policy = build_policy(choice, features, job.seed)
-    transfer = _transfer(job, policy, features, fps)
+    transfer = _transfer(job, policy, choice.name, features, fps)
     common = config.model_dump(mode="json", include=set(TrainConfig.model_fields) - _SPEED_ONLY)
     details = {
         "run": job.run,
@@ -220,9 +230,11 @@ def _statistics(job: Job, source: Source, slots: Sequence[int]) -> Statistics:
     return pretrained if kind == "pretrained" else merge(pretrained, statistics_of(source, slots))
 
 
-def _transfer(job: Job, policy: nn.Module, features: Features, fps: float) -> dict[str, Any]:
+def _transfer(job: Job, policy: nn.Module, name: str, features: Features, fps: float) -> dict[str, Any]:
     """Put the prior's weights into the policy; returns what was done, for the checkpoint's JSON."""
     taken: dict[str, Any] = job.condition.model_dump(mode="json")
+    if job.condition.init == "imagenet":
+        return {"init": taken["init"], "tensors": len(load_imagenet_trunk(policy, name))}
     if job.prior is None:
         return {"init": taken["init"]}
     header = read_header(job.prior)

@@ -9,8 +9,8 @@ from torch.nn import functional
 
 from geoprior.policies.act._dropout import dropout
 from geoprior.policies.act._positions import sinusoid_1d, sinusoid_2d
-from geoprior.policies.act._resnet import FrozenBatchNorm, ResNet18
 from geoprior.policies.act._transformer import Attention, DecoderLayer, EncoderLayer
+from geoprior.policies.trunk import FrozenBatchNorm, ResNet18
 
 DIM, HEADS, FFN, TOKENS = 12, 3, 20, 7
 

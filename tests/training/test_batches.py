@@ -74,13 +74,39 @@ def test_numbers_count_on_from_epoch_to_epoch_within_a_batch_too(fake_store):
     assert epochs == [list(range(first, first + 5)) for first in range(0, 35, 5)]
 
 
+@pytest.mark.parametrize("workers", [0, 1, 2, 5])
 @pytest.mark.parametrize("prefetch", [1, 3, 64])
-def test_reading_ahead_changes_nothing(fake_store, prefetch):
+def test_reading_ahead_changes_nothing(fake_store, prefetch, workers):
     alone, _ = make_batches(fake_store, image_noise=0.1)
-    ahead, _ = make_batches(fake_store, image_noise=0.1, prefetch=prefetch)
+    ahead, _ = make_batches(fake_store, image_noise=0.1, prefetch=prefetch, loader_workers=workers)
     found = list(ahead.stream(2, 9))
     assert len(found) == 7
     assert all(same(a, b) for a, b in zip(found, alone.stream(2, 9), strict=True))
+
+
+@pytest.mark.parametrize("workers", [0, 1, 2])
+def test_a_stream_that_goes_on_names_the_samples_that_the_whole_one_names(fake_store, workers):
+    """Numbers and time steps as the source is asked for them, whatever was read ahead before."""
+
+    def asked(first, last):
+        batches, _ = make_batches(fake_store, prefetch=3, loader_workers=workers)
+        rows, read = {}, batches._source.read
+
+        def note(numbers, steps):
+            moments = read(numbers, steps)
+            rows[moments.pose.tobytes()] = (numbers.tolist(), steps[:, 0].tolist())
+            return moments
+
+        batches._source.read = note
+        normalised = [batch["pose"].numpy().tobytes() for batch in batches.stream(first, last)]
+        return normalised, sorted(rows.values())
+
+    whole, ids = asked(0, 9)
+    for cut in (1, 4, 8):
+        head, head_ids = asked(0, cut)
+        tail, tail_ids = asked(cut, 9)
+        assert head + tail == whole
+        assert sorted(head_ids + tail_ids) == ids
 
 
 def test_a_fault_while_reading_ahead_is_raised(fake_store):

@@ -191,7 +191,7 @@ def test_learning_rates_warm_up_and_the_trunk_has_its_own(fake_store, tmp_path):
     training = make_training(
         fake_store, tmp_path, learning_rate=0.1, trunk_learning_rate=0.01, warmup_steps=4, log_every=1
     )
-    trunk, rest = make_optimizer(training.config, training.policy).param_groups
+    trunk, rest = make_optimizer(training.config, training.policy, training.machine).param_groups
     assert (trunk["lr"], rest["lr"]) == (0.01, 0.1)
     assert {id(p) for p in trunk["params"]} == {id(p) for p in training.policy.eye.parameters()}
     assert len(rest["params"]) == 4
@@ -225,19 +225,27 @@ sys.path.insert(0, sys.argv[1])
 from training_material import FakeStore, make_demonstration, make_training
 from geoprior.training.loop import fit
 store = FakeStore([make_demonstration(index, steps=6 + index) for index in range(5)])
-training = make_training(store, pathlib.Path(sys.argv[2]), epochs=48, checkpoint_every=16, resume_seconds=0.0)
+options = {"epochs": 48, "checkpoint_every": 16, "resume_seconds": 0.0}
+folder, workers, precision = pathlib.Path(sys.argv[2]), int(sys.argv[3]), sys.argv[4]
+training = make_training(store, folder, loader_workers=workers, precision=precision, **options)
 loss = training.policy.loss
 training.policy.loss = lambda batch: (time.sleep(0.03), loss(batch))[1]
 fit(training)
 """
 
 
-def test_killed_at_any_moment_it_ends_with_the_same_bytes(fake_store, tmp_path):
-    """Two real SIGKILLs while it steps and saves; then this process takes it to the end."""
+@pytest.mark.parametrize(("workers", "precision"), [(0, "fp32"), (1, "bf16"), (2, "fp32")])
+def test_killed_at_any_moment_it_ends_with_the_same_bytes(fake_store, tmp_path, workers, precision):
+    """Two real SIGKILLs while it steps and saves; then this process takes it to the end.
+
+    The log has the loss of every step, which tells the samples that the step saw.
+    """
     folder = tmp_path / "killed"
     log = folder / "log.jsonl"
     for least in (8, 30):
-        process = subprocess.Popen([sys.executable, "-c", SLOW, str(HERE), str(folder)])
+        process = subprocess.Popen(
+            [sys.executable, "-c", SLOW, str(HERE), str(folder), str(workers), precision]
+        )
         deadline = time.monotonic() + 60
         while time.monotonic() < deadline and process.poll() is None and lines_in(log) < least:
             time.sleep(0.003)
@@ -245,9 +253,10 @@ def test_killed_at_any_moment_it_ends_with_the_same_bytes(fake_store, tmp_path):
         os.kill(process.pid, signal.SIGKILL)
         process.wait()
     assert 30 <= lines_in(log) < steps_until(48, 5, 3)
-    fit(make_training(fake_store, folder, **OPTIONS))
-    fit(make_training(fake_store, tmp_path / "whole", **OPTIONS))
+    fit(make_training(fake_store, folder, loader_workers=workers, precision=precision, **OPTIONS))
+    fit(make_training(fake_store, tmp_path / "whole", precision=precision, **OPTIONS))
     assert written(folder) == written(tmp_path / "whole")
+    assert lines_in(log) == steps_until(48, 5, 3)
 
 
 def lines_in(path):

@@ -9,8 +9,8 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from geoprior.policies.act._positions import sinusoid_1d, sinusoid_2d
-from geoprior.policies.act._resnet import STRIDE, ResNet18
 from geoprior.policies.act._transformer import Decoder, Encoder
+from geoprior.policies.trunk import STRIDE, ResNet18
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -78,7 +78,7 @@ class ActNetwork(nn.Module):
         """The chunk at a style of zero; see `geoprior.policies.policy.Policy`."""
         with torch.no_grad():
             pose = observation["pose"]
-            return self.act(observation, pose.new_zeros(len(pose), self.config.latent)).float()
+            return self.act(observation, pose.new_zeros(pose.shape[0], self.config.latent)).float()
 
     def encode_style(self, batch: Batch) -> tuple[Tensor, Tensor]:
         """Mean and logarithm of the variance of the style, each (B, latent) float32."""

@@ -8,13 +8,11 @@ from typing import TYPE_CHECKING, Literal, Self
 from pydantic import Field, model_validator
 
 from geoprior import PolicySpec, hookimpl
-from geoprior.policies.policy import PolicyOptions
+from geoprior.policies.policy import PolicyOptions, TrunkNorm
 
 if TYPE_CHECKING:
     from geoprior.policies.act._network import ActNetwork
     from geoprior.policies.policy import Features
-
-Norm = Literal["batch", "frozen", "group"]
 
 
 class ActConfig(PolicyOptions):
@@ -38,7 +36,7 @@ class ActConfig(PolicyOptions):
     trunk_width: int = Field(
         64, ge=8, le=256, multiple_of=8, description="64 is ResNet-18; 32 has half of it."
     )
-    trunk_norm: Norm = Field(
+    trunk_norm: TrunkNorm = Field(
         "batch",
         description="`batch`: trainable batch norm; `frozen`: it stays as it is; `group`: group norm.",
     )

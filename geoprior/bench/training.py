@@ -1,0 +1,193 @@
+"""How fast ACT learns here, how near that is to what the machine can do, and what the loader costs."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+from typing import TYPE_CHECKING, Any
+
+import torch
+from torch.utils.flop_counter import FlopCounterMode
+
+from geoprior.bench.metrics import Metric, at_least, at_most
+from geoprior.executors.local import SerialExecutor
+from geoprior.geometry.camera import CamerasConfig
+from geoprior.options import Choice
+from geoprior.policies.checkpoint import CheckpointHeader
+from geoprior.policies.normalise import Normaliser
+from geoprior.shards.config import GenerateConfig
+from geoprior.shards.generate import generate
+from geoprior.shards.reader import EpisodeStore
+from geoprior.sources.shards import ShardSource
+from geoprior.training.adamw import AdamW
+from geoprior.training.config import TrainConfig
+from geoprior.training.data import Batches, features_of, statistics_of
+from geoprior.training.loop import Training
+from geoprior.training.machine import Machine
+from geoprior.training.optimise import make_optimizer, take_step
+from geoprior.training.stages import build_policy
+
+if TYPE_CHECKING:
+    from geoprior.policies.policy import Batch
+    from geoprior.sources.source import Source
+
+SIZE, SEED = 96, 40_000
+COMPACT = Choice(name="act", options={"dim": 256, "ffn": 1024, "trunk_width": 32})
+"""The policy of the packaged config `compact`."""
+LARGE = Choice(name="act", options={"dim": 512, "ffn": 3200, "trunk_norm": "frozen", "padding": "all"})
+"""The sizes that the original ACT and LeRobot's have."""
+RATE_GOAL, LOADER_GOAL = 200.0, 0.03
+BYTES_A_WEIGHT = 28
+"""What AdamW moves for each weight: it reads weight, two means and gradient, and writes all but the last."""
+
+
+@dataclass(frozen=True)
+class Rates:
+    """What this machine can do at its best.
+
+    Attributes:
+        operations: Of a large matrix product, a second; an addition and a multiplication are two.
+        bytes: To and from memory, a second.
+    """
+
+    operations: float
+    bytes: float
+
+
+def measure() -> Iterator[Metric]:
+    """The compact policy through loader and loop, then the large one in both precisions (some 3 minutes)."""
+    yield from _measure(rounds=7, steps=4, goals=True)
+
+
+def measure_quickly() -> Iterator[Metric]:
+    """The same with two short rounds."""
+    yield from _measure(rounds=2, steps=1, goals=False)
+
+
+def _measure(*, rounds: int, steps: int, goals: bool) -> Iterator[Metric]:
+    threads = torch.get_num_threads()
+    with tempfile.TemporaryDirectory() as folder, closing(make_source(Path(folder))) as source:
+        yield from _measure_loop(source, rounds * steps, threads, goals=goals)
+        for precision in ("bf16", "fp32"):
+            for size in (8, 32):
+                yield from _measure_steps(source, size, precision, threads, rounds, steps)
+
+
+def make_source(folder: Path) -> ShardSource:
+    """Sixty episodes of the quickstart's kind, in frames of `SIZE`."""
+    config = GenerateConfig(fps=10.0, seconds=10.0, episodes=20)
+    cameras = CamerasConfig(height=SIZE, width=SIZE)
+    generate(config, cameras, seed=SEED, executor=SerialExecutor(), out=folder)
+    return ShardSource(EpisodeStore(folder), 2**28)
+
+
+def make_training(
+    source: Source, choice: Choice, batch_size: int, precision: str, threads: int, **options: Any
+) -> Training:
+    """A training that writes nothing: for `take_step`."""
+    config = TrainConfig(batch_size=batch_size, precision=precision, threads=threads, **options)
+    features = features_of(source, 25)
+    statistics = statistics_of(source)
+    return Training(
+        run="benchmark",
+        folder=Path(),
+        config=config,
+        policy=build_policy(choice, features, SEED).train(),
+        batches=Batches(source, features, Normaliser(statistics), config, SEED),
+        episodes=len(source),
+        seed=SEED,
+        machine=Machine("cpu", precision, threads),
+        header=CheckpointHeader(choice, features, source.fps, statistics, 0, 0, {}),
+        fingerprint="",
+    )
+
+
+def _measure_loop(source: Source, steps: int, threads: int, *, goals: bool) -> Iterator[Metric]:
+    """Loader and steps side by side, as a training has them."""
+    training = make_training(source, COMPACT, 64, "bf16", threads)
+    optimizer = make_optimizer(training.config, training.policy, training.machine)
+    waits, works = [], []
+    warm = 3
+    with closing(training.batches.stream(0, steps + warm)) as batches:
+        for step in range(steps + warm):
+            begun = time.perf_counter()
+            batch = next(batches)
+            given = time.perf_counter()
+            take_step(training, optimizer, step, {0: batch})
+            waits.append(given - begun)
+            works.append(time.perf_counter() - given)
+    waited, worked = sum(waits[warm:]), sum(works[warm:])
+    count = sum(parameter.numel() for parameter in training.policy.parameters())
+    yield Metric("compact: parameters", count / 1e6, "million")
+    rate = 64 * steps / (waited + worked)
+    share = waited / (waited + worked)
+    name, loader = (
+        "compact: 2 cameras, batch 64, bf16",
+        "compact: share of time that a step waits for its batch",
+    )
+    yield at_least(name, rate, "samples/s", RATE_GOAL) if goals else Metric(name, rate, "samples/s")
+    yield at_most(loader, share, "", LOADER_GOAL) if goals else Metric(loader, share, "")
+
+
+def _measure_steps(
+    source: Source, batch_size: int, precision: str, threads: int, rounds: int, steps: int
+) -> Iterator[Metric]:
+    training = make_training(source, LARGE, batch_size, precision, threads)
+    optimizer = make_optimizer(training.config, training.policy, training.machine)
+    batch = training.batches.batch(0)
+    times_of_steps(training, optimizer, batch, 2)
+    slices = []
+    for _ in range(rounds):
+        rates = machine_rates(torch.bfloat16 if precision == "bf16" else torch.float32)
+        slices.append((rates, median(times_of_steps(training, optimizer, batch, steps))))
+    name = f"dim 512, batch {batch_size}, {precision}"
+    seconds = median(took for _, took in slices)
+    yield Metric(name, batch_size / seconds, "samples/s")
+    operations = operations_of(training, optimizer, batch)
+    moved = BYTES_A_WEIGHT * sum(parameter.numel() for parameter in training.policy.parameters())
+    yield Metric(f"{name}: arithmetic of a step", operations / 1e9, "GFLOP")
+    floors = [operations / rates.operations + moved / rates.bytes for rates, _ in slices]
+    yield Metric(f"{name}: floor of a step by arithmetic and AdamW's memory", 1e3 * median(floors), "ms")
+    over = median(took / floor for (_, took), floor in zip(slices, floors, strict=True))
+    yield Metric(f"{name}: a step over its floor", over, "x")
+    yield Metric(
+        f"{name}: matrix products meanwhile", median(r.operations for r, _ in slices) / 1e9, "GFLOP/s"
+    )
+
+
+def times_of_steps(training: Training, optimizer: AdamW, batch: Batch, count: int) -> list[float]:
+    """Seconds of so many optimiser steps on the same batch."""
+    times = []
+    for step in range(count):
+        begun = time.perf_counter()
+        take_step(training, optimizer, step, {0: batch})
+        times.append(time.perf_counter() - begun)
+    return times
+
+
+def operations_of(training: Training, optimizer: AdamW, batch: Batch) -> float:
+    """Floating-point operations of the products and convolutions of one step, forward and backward."""
+    with FlopCounterMode(display=False) as counter:
+        take_step(training, optimizer, 0, {0: batch})
+    return float(counter.get_total_flops())
+
+
+def machine_rates(dtype: torch.dtype, size: int = 1536) -> Rates:
+    """The best of a few large products, and of a few copies of 256 MB."""
+    a = torch.ones(size, size, dtype=dtype)
+    numbers = torch.ones(2**25)
+    copy = torch.empty_like(numbers)
+    product = min(_seconds(lambda: torch.mm(a, a)) for _ in range(6))
+    copied = min(_seconds(lambda: copy.copy_(numbers)) for _ in range(4))
+    return Rates(2.0 * size**3 / product, 2.0 * 4 * numbers.numel() / copied)
+
+
+def _seconds(function: Any) -> float:
+    begun = time.perf_counter()
+    function()
+    return time.perf_counter() - begun

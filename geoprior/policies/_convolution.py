@@ -1,0 +1,143 @@
+"""Square convolutions, computed as matrix products where feature maps are small.
+
+oneDNN lays the weights of a convolution out anew at every call. Where a map has few cells and many channels
+that is most of the work: the three passes through a 3x3 kernel of 512 channels on 16 maps of 3x3 cells take
+28 ms so and 6 ms as products of a matrix whose rows are the cells' neighbourhoods (one thread, bfloat16).
+"""
+
+from __future__ import annotations
+
+from typing import Any, cast
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+_FEW_CELLS = 16
+"""Maps of up to so many cells: all passes are products."""
+_SOME_CELLS = 64
+"""Maps of up to so many: the weights' gradient is one."""
+_FEW_ROWS = 256
+"""Maps of so many cells, in all that a batch has of them: the same as few cells."""
+
+
+def convolve(x: Tensor, weight: Tensor, bias: Tensor | None, stride: int) -> Tensor:
+    """A convolution with a padding of half the kernel.
+
+    Args:
+        x: (B, inputs, H, W).
+        weight: (outputs, inputs, k, k), k odd.
+        bias: (outputs,) or none.
+        stride: Of the kernel's steps.
+
+    Returns:
+        (B, outputs, ceil(H / stride), ceil(W / stride)); channels last in memory where products make it.
+    """
+    kernel = weight.shape[-1]
+    cells = -(-x.shape[-2] // stride) * -(-x.shape[-1] // stride)
+    if x.device.type != "cpu" or (cells > _SOME_CELLS and kernel > 1):
+        return functional.conv2d(x, weight, bias, stride, kernel // 2)
+    convolved = cast("Tensor", _Convolution.apply(x, weight, stride))  # type: ignore[no-untyped-call]
+    return convolved if bias is None else convolved + bias.to(convolved.dtype)[:, None, None]
+
+
+class _Convolution(torch.autograd.Function):
+    """The passes of a convolution without bias."""
+
+    @staticmethod
+    @torch.amp.custom_fwd(device_type="cpu", cast_inputs=torch.bfloat16)  # type: ignore[untyped-decorator]
+    def forward(ctx: Any, x: Tensor, weight: Tensor, stride: int) -> Tensor:
+        ctx.save_for_backward(x, weight)
+        ctx.stride = stride
+        if not _as_product(x, weight, stride):
+            return functional.conv2d(x, weight, None, stride, weight.shape[-1] // 2)
+        return _maps(neighbourhoods(x, weight.shape[-1], stride) @ _matrix(weight).t(), x, stride)
+
+    @staticmethod
+    @torch.amp.custom_bwd(device_type="cpu")  # type: ignore[untyped-decorator]
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, Tensor | None, None]:
+        x, weight = ctx.saved_tensors
+        kernel, stride = weight.shape[-1], ctx.stride
+        of_x = of_weight = None
+        rows = gradient.permute(0, 2, 3, 1).reshape(-1, len(weight))
+        if ctx.needs_input_grad[1]:
+            product = rows.t() @ neighbourhoods(x, kernel, stride)
+            of_weight = product.view(len(weight), kernel, kernel, -1).permute(0, 3, 1, 2)
+        if ctx.needs_input_grad[0]:
+            if _as_product(x, weight, stride):
+                of_x = _scatter(rows @ _matrix(weight), x, kernel, stride)
+            else:
+                of_x = _gradient_of_input(gradient, x, weight, stride)
+        return of_x, of_weight, None
+
+
+def neighbourhoods(x: Tensor, kernel: int, stride: int) -> Tensor:
+    """(B * h * w, k * k * C): for each cell of the result what the kernel sees; zero outside the map."""
+    margin = kernel // 2
+    cells = x.permute(0, 2, 3, 1)
+    padded = functional.pad(cells, (0, 0, margin, margin, margin, margin)) if margin else cells
+    views = [view for _, _, view in _shifted(padded, x, kernel, stride)]
+    return torch.cat(views, dim=-1).flatten(0, 2) if margin else views[0].reshape(-1, x.shape[1])
+
+
+def _scatter(rows: Tensor, x: Tensor, kernel: int, stride: int) -> Tensor:
+    """The transpose of `neighbourhoods`, summed in float32 at least."""
+    margin = kernel // 2
+    batch, channels, height, width = x.shape
+    dtype = torch.promote_types(rows.dtype, torch.float32)
+    padded = torch.zeros(batch, height + 2 * margin, width + 2 * margin, channels, dtype=dtype)
+    views = _shifted(padded, x, kernel, stride)
+    h, w = _size(x, stride)
+    parts = rows.view(batch, h, w, kernel, kernel, channels)
+    for row, column, view in views:
+        view += parts[:, :, :, row, column]
+    inner = padded[:, margin : margin + height, margin : margin + width]
+    return inner.to(rows.dtype).permute(0, 3, 1, 2)
+
+
+def _shifted(padded: Tensor, x: Tensor, kernel: int, stride: int) -> list[tuple[int, int, Tensor]]:
+    """For each place in the kernel the (B, h, w, C) cells of the padded map that it meets."""
+    h, w = _size(x, stride)
+    rows, columns = stride * (h - 1) + 1, stride * (w - 1) + 1
+    return [
+        (row, column, padded[:, row : row + rows : stride, column : column + columns : stride])
+        for row in range(kernel)
+        for column in range(kernel)
+    ]
+
+
+def _maps(rows: Tensor, x: Tensor, stride: int) -> Tensor:
+    return rows.view(len(x), *_size(x, stride), -1).permute(0, 3, 1, 2)
+
+
+def _matrix(weight: Tensor) -> Tensor:
+    """(outputs, k * k * inputs); a view where the channels of the weight are last in memory."""
+    return weight.permute(0, 2, 3, 1).reshape(len(weight), -1)
+
+
+def _size(x: Tensor, stride: int) -> tuple[int, int]:
+    return -(-x.shape[-2] // stride), -(-x.shape[-1] // stride)
+
+
+def _as_product(x: Tensor, weight: Tensor, stride: int) -> bool:
+    h, w = _size(x, stride)
+    return weight.shape[-1] == 1 or h * w <= _FEW_CELLS or len(x) * h * w <= _FEW_ROWS
+
+
+def _gradient_of_input(gradient: Tensor, x: Tensor, weight: Tensor, stride: int) -> Tensor:
+    steps, margin = [stride, stride], [weight.shape[-1] // 2] * 2
+    wanted = [True, False, False]
+    of_x: Tensor = torch.ops.aten.convolution_backward(
+        gradient,
+        x,
+        weight,
+        None,
+        stride=steps,
+        padding=margin,
+        dilation=[1, 1],
+        transposed=False,
+        output_padding=[0, 0],
+        groups=1,
+        output_mask=wanted,
+    )[0]
+    return of_x

@@ -1,0 +1,47 @@
+"""Convolutions as products, against torch's."""
+
+import pytest
+import torch
+from torch.nn import functional
+
+from geoprior.policies._convolution import convolve
+
+MAPS = [(3, 3), (1, 1), (2, 5), (4, 4), (6, 6), (7, 9), (12, 12)]
+KERNELS = [(1, 1), (1, 2), (3, 1), (3, 2), (7, 2)]
+
+
+def both(x, weight, bias, stride, gradient):
+    """Values and gradients of ours and of torch's."""
+    found = []
+    for function in (convolve, lambda *a: functional.conv2d(*a, weight.shape[-1] // 2)):
+        inputs = [tensor.clone().requires_grad_() for tensor in (x, weight, bias)]
+        y = function(*inputs, stride)
+        y.backward(gradient[..., : y.shape[-2], : y.shape[-1]].to(y.dtype))
+        found.append([y, *(tensor.grad for tensor in inputs)])
+    return found
+
+
+@pytest.mark.parametrize("layout", [torch.channels_last, torch.contiguous_format])
+@pytest.mark.parametrize(("kernel", "stride"), KERNELS)
+@pytest.mark.parametrize("size", MAPS)
+def test_values_and_gradients_are_torchs(size, kernel, stride, layout):
+    torch.manual_seed(0)
+    x = torch.randn(2, 5, *size, dtype=torch.float64).contiguous(memory_format=layout)
+    weight = torch.randn(6, 5, kernel, kernel, dtype=torch.float64).contiguous(memory_format=layout)
+    bias, gradient = torch.randn(6, dtype=torch.float64), torch.randn(2, 6, *size, dtype=torch.float64)
+    ours, torchs = both(x, weight, bias, stride, gradient)
+    for found, expected in zip(ours, torchs, strict=True):
+        torch.testing.assert_close(found, expected, atol=1e-10, rtol=1e-10)
+
+
+@pytest.mark.parametrize("size", [(3, 3), (6, 6)])
+def test_under_autocast_it_is_as_exact_as_torchs(size):
+    torch.manual_seed(0)
+    x, weight, bias = torch.randn(4, 64, *size), torch.randn(64, 64, 3, 3) / 24.0, torch.randn(64)
+    gradient = torch.randn(4, 64, *size)
+    exact, _ = both(x.double(), weight.double(), bias.double(), 1, gradient.double())
+    with torch.autocast("cpu", torch.bfloat16):
+        ours, torchs = both(x, weight, bias, 1, gradient)
+    assert ours[0].dtype == torch.bfloat16
+    for found, expected, truth in zip(ours, torchs, exact, strict=True):
+        assert (found - truth).abs().mean() < 1.2 * (expected - truth).abs().mean() + 1e-6
