@@ -193,6 +193,74 @@ def plugins_list(as_json: bool) -> None:  # noqa: FBT001
     click.echo(json.dumps(as_tree(found), indent=2) if as_json else "\n".join(as_lines(found)))
 
 
+class _Kind(click.ParamType):  # type: ignore[type-arg]  # generic from click 8.3 on
+    """A kind of plug-in; the registry of hooks, which says which there are, is imported when asked."""
+
+    name = "kind"
+
+    def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
+        from geoprior.hooks.manager import HOOK_OF_KIND
+
+        del param, ctx
+        return f"[{'|'.join(HOOK_OF_KIND)}]"
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        from geoprior.hooks.manager import HOOK_OF_KIND
+
+        if value not in HOOK_OF_KIND:
+            self.fail(f"{value!r} is no kind of plug-in; the kinds are {', '.join(HOOK_OF_KIND)}", param, ctx)
+        return value
+
+
+@plugins_group.command("new")
+@click.argument("name")
+@click.option("--kind", type=_Kind(), required=True, help="What the package shall add.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path(),
+    show_default="the current folder",
+    help="Where the package's folder goes.",
+)
+def plugins_new(name: str, kind: str, out: Path) -> None:
+    """Write a package that adds a plug-in: small, working, with tests; change it into yours.
+
+    NAME is what a config will call it: lower-case letters, digits and dashes. The package is geoprior-NAME.
+    """
+    from geoprior.hooks.manager import plugins
+    from geoprior.scaffold.write import next_commands, write_package
+
+    folder = write_package(name, kind, out, plugins())
+    click.echo(f"{folder}: a package that adds the {kind} {folder.name.removeprefix('geoprior-')!r}. Next:")
+    for command in next_commands(folder):
+        click.echo(f"  {command}")
+
+
+@plugins_group.command("check")
+@click.argument("name")
+@click.option("--quick", is_flag=True, help="Leave out what simulates or trains.")
+@click.option("--json", "as_json", is_flag=True, help="Print every finding as JSON.")
+def plugins_check(name: str, quick: bool, as_json: bool) -> None:  # noqa: FBT001
+    """Check that an installed package keeps the contracts of what it offers. Ends with code 3 if not.
+
+    NAME is that of a package or of one of its entry points; `geoprior` checks the built-ins.
+    """
+    from geoprior.conformance.command import check
+    from geoprior.errors import PluginError
+    from geoprior.hooks.manager import plugins
+
+    content = check(name, plugins(), (lambda _: None) if as_json else click.echo, slow=not quick)
+    if as_json:
+        click.echo(json.dumps(content, indent=2))
+    if content["failed"]:
+        raise PluginError(
+            f"{content['package']} {content['version']}: {content['failed']} of {content['checks']} failed",
+            "below each stands what to do; docs/plugins.md has the contracts",
+        )
+    if not as_json:
+        click.echo(f"{content['package']} {content['version']}: keeps all {content['checks']} checks")
+
+
 @cli.group("config")
 def config_group() -> None:
     """See what a config says and what it can say."""
@@ -366,6 +434,38 @@ def export_lerobot_policy(checkpoint: Path, out: Path, execute: int | None, ense
         click.echo(str(path))
 
 
+@export_group.command("onnx")
+@click.argument("checkpoint", type=click.Path(path_type=Path))
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, dir_okay=False),
+    required=True,
+    help="The file; one that is there is replaced.",
+)
+def export_onnx_file(checkpoint: Path, out: Path) -> None:
+    """Write a checkpoint of any policy as one ONNX file that onnxruntime runs alone.
+
+    \b
+      pip install 'geoprior[onnx]'
+      geoprior export onnx runs/quickstart/checkpoints/finetune/prior-s0/epoch-000192.safetensors \\
+        --out policy.onnx
+
+    It takes a batch of raw observations: `pose` (B, 8 x hands) float32, and each camera by its name, (B,
+    height, width, 3) uint8 RGB; a binary frame is repeated to three channels. It gives `action` (B, chunk, 8
+    x hands) float32, ready for the arm: unit quaternions, gripper 0 or 1. The file's property `geoprior`
+    says rate, cameras, units and fields in JSON. Where onnxruntime is installed, the actions are compared
+    with geoprior's before anything is written.
+    """  # noqa: D301
+    from geoprior.policies.export_onnx import export_onnx
+
+    done = export_onnx(checkpoint, out)
+    checked = "not compared: onnxruntime is not installed"
+    if done.deviation is not None:
+        checked = f"under onnxruntime its actions differ from geoprior's by {done.deviation:.1e} at most"
+    _say(checked)
+    click.echo(str(done.path))
+
+
 @cli.command()
 @click.argument("name", metavar="NAME")
 @click.option("--quick", is_flag=True, help="Less data, no goals: does it work, and about how fast?")
@@ -378,6 +478,8 @@ def bench(name: str, quick: bool, as_json: bool) -> None:  # noqa: FBT001
       generate  the paper's geometric data set, against the bare kernels and MuJoCo's renderer
       stream    how long a trainer waits for the endless source
       rollout   control steps a second with both cameras drawn, against robosuite's own loop
+      train     samples a second of ACT's training, and the machine's own limits
+      infer     how long ACT thinks, alone and for 16 environments
       demos     20 demonstrations of each of the paper's arms and tasks
     Leave the machine alone meanwhile: whatever else runs is measured too.
     """  # noqa: D301
@@ -403,10 +505,24 @@ def main() -> None:
         _complain(error, error.message, error.hint, verbose=verbose)
         sys.exit(error.exit_code)
     except Exception as error:  # noqa: BLE001 - the last door before the user
-        hint = "this is a defect of geoprior or of a plug-in; add --verbose to see where"
-        _complain(error, f"unforeseen {type(error).__name__}: {error}", hint, verbose=verbose)
-        sys.exit(GeopriorError.exit_code)
+        known = _named_after_its_plugin(error)
+        _complain(error, known.message, known.hint, verbose=verbose)
+        sys.exit(known.exit_code)
     sys.exit(code if isinstance(code, int) else 0)
+
+
+def _named_after_its_plugin(error: Exception) -> GeopriorError:
+    """What nobody foresaw, as an error of the plug-in that raised it, or of ours."""
+    from geoprior.hooks.failures import blamed
+    from geoprior.hooks.manager import GROUP, plugins
+
+    try:
+        strangers = [plugin for plugin in plugins().found if plugin.package != GROUP]
+    except GeopriorError:
+        strangers = []
+    hint = "this is a defect of geoprior or of a plug-in; add --verbose to see where"
+    ours = GeopriorError(f"unforeseen {type(error).__name__}: {error}", hint)
+    return blamed(error, strangers) or ours
 
 
 def _complain(error: BaseException, message: str, hint: str, *, verbose: bool) -> None:

@@ -1,24 +1,38 @@
-"""For authors of plug-ins: a fresh manager and conformance checks. A pytest plug-in.
+"""For authors of plug-ins: the contract of each kind as tests, and a manager that sees nobody else.
 
-In a ``conftest.py`` of your package::
+A package's whole test of the contract::
 
-    pytest_plugins = ["geoprior.testing"]
+    import pytest
+    import geoprior_mug
+    from geoprior.testing import cases
+
+    @pytest.mark.parametrize("case", cases(geoprior_mug))
+    def test_it_keeps_the_contract(case):
+        case.check()
+
+It is a pytest plug-in too: with ``pytest_plugins = ["geoprior.testing"]`` in a ``conftest.py`` there is the
+fixture `fresh_plugins`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
+from types import ModuleType
+from typing import TYPE_CHECKING
 
-import numpy as np
 import pytest
 
-from geoprior.geometry.seeding import generator
+from geoprior.conformance.check import BrokenContractError, Check
+from geoprior.conformance.suite import checks_of
+from geoprior.errors import MachineError
 from geoprior.hooks.manager import Plugins
-from geoprior.hooks.types import PrimitiveSpec
-from geoprior.scene.mesh import Mesh
 
-SMALLEST, LARGEST = 0.002, 0.5
-"""Metres that a solid may measure along each axis: a hand's scale."""
+if TYPE_CHECKING:
+    from _pytest.mark.structures import ParameterSet
+
+    from geoprior.hooks.types import PrimitiveSpec, Spec
+    from geoprior.scene.mesh import Mesh
 
 
 @pytest.fixture
@@ -27,6 +41,67 @@ def fresh_plugins() -> Plugins:
     found = Plugins()
     found.load_builtins()
     return found
+
+
+@dataclass(frozen=True)
+class Case:
+    """One sentence of a contract, and the spec of which it must hold."""
+
+    spec: Spec
+    sentence: Check
+
+    def check(self) -> None:
+        """Fail the test with what is wrong and what to do; skip it where the machine cannot run it."""
+        __tracebackhide__ = True
+        try:
+            self.sentence.run(self.spec)
+        except BrokenContractError as error:
+            pytest.fail(f"{self.sentence}: {error.fault}\n  {error.remedy}".rstrip(), pytrace=False)
+        except MachineError as error:
+            pytest.skip(str(error))
+
+
+def cases(*modules: ModuleType) -> list[ParameterSet]:
+    """A case for each sentence of each spec that plug-in modules offer, for `pytest.mark.parametrize`.
+
+    The modules need not be installed. Those that simulate or train are marked ``slow``.
+
+    Args:
+        modules: With their hooks.
+
+    Raises:
+        PluginError: A module cannot be registered beside the built-ins, for example as its name is taken.
+    """
+    found = Plugins()
+    found.load_builtins()
+    for module in modules:
+        found.register(module, name=module.__name__, package=module.__name__, version="under test")
+    names = {module.__name__ for module in modules}
+    return cases_of(entry.spec for entry in found.registered() if entry.plugin.package in names)
+
+
+def cases_of(specs: Iterable[Spec]) -> list[ParameterSet]:
+    """The same for specs."""
+    return [
+        pytest.param(
+            Case(spec, check),
+            id=f"{spec.kind} {spec.name}: {check}",
+            marks=[pytest.mark.slow] if check.slow else [],
+        )
+        for spec in specs
+        for check in checks_of(spec)
+    ]
+
+
+def assert_conforms(spec: Spec, *, slow: bool = True) -> None:
+    """Check a spec with its default options against the whole contract of its kind.
+
+    Raises:
+        AssertionError: Naming the spec, the seed and the fault.
+    """
+    for check in checks_of(spec):
+        if slow or not check.slow:
+            check.run(spec)
 
 
 def assert_primitive_conforms(spec: PrimitiveSpec, seeds: Iterable[int] = range(20)) -> None:
@@ -38,28 +113,18 @@ def assert_primitive_conforms(spec: PrimitiveSpec, seeds: Iterable[int] = range(
     Raises:
         AssertionError: Naming the primitive, the seed and the fault.
     """
-    primitive = spec.factory(spec.config())
-    seen = []
-    for seed in seeds:
-        where = f"primitive {spec.name!r}, seed {seed}"
-        mesh = primitive.sample(generator(seed, "conformance"))
-        again = primitive.sample(generator(seed, "conformance"))
-        assert np.array_equal(mesh.vertices, again.vertices), f"{where}: draws from elsewhere than its rng"
-        assert_closed(mesh, where)
-        sides = np.ptp(mesh.vertices, axis=0)
-        assert (sides > SMALLEST).all(), f"{where}: measures {sides} m"
-        assert (sides < LARGEST).all(), f"{where}: measures {sides} m"
-        seen.append(sides.tobytes())
-    assert len(set(seen)) > 1 or len(seen) < 2, f"primitive {spec.name!r}: every seed gives the same solid"
+    from geoprior.conformance.kinds import primitive
+
+    for check in primitive.CHECKS:
+        check.run(spec, seeds)
 
 
 def assert_closed(mesh: Mesh, where: str) -> None:
-    """Check that every edge is met once in each direction and that the enclosed volume is positive."""
-    assert np.isfinite(mesh.vertices).all(), f"{where}: a vertex is not finite"
-    faces = mesh.faces
-    edges = {tuple(edge) for edge in np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])}
-    assert len(edges) == 3 * len(faces), f"{where}: two faces use an edge in the same direction"
-    assert edges == {(b, a) for a, b in edges}, f"{where}: an edge has one face only; the surface is open"
-    a, b, c = (mesh.vertices[faces[:, corner]] for corner in range(3))
-    volume = float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum()) / 6.0
-    assert volume > 0.0, f"{where}: its faces look inwards"
+    """Check that every edge is met once in each direction and that the enclosed volume is positive.
+
+    Raises:
+        AssertionError: It is not so.
+    """
+    from geoprior.conformance.kinds.primitive import require_closed
+
+    require_closed(mesh, where)

@@ -1,21 +1,78 @@
+import types
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from geoprior import PrimitiveSpec
+from geoprior import PrimitiveSpec, hookimpl
+from geoprior.conformance.suite import checks_of
+from geoprior.errors import MachineError, PluginError
 from geoprior.hooks.manager import Plugins
 from geoprior.options import Options
 from geoprior.scene.mesh import Mesh, convex_mesh
-from geoprior.testing import assert_primitive_conforms
-
-BUILTINS = Plugins()
-BUILTINS.load_builtins()
+from geoprior.testing import assert_conforms, assert_primitive_conforms, cases, cases_of
 
 
-@pytest.mark.parametrize("name", BUILTINS.names("primitive"))
-def test_every_built_in_primitive_conforms(name):
-    assert_primitive_conforms(BUILTINS.spec("primitive", name))
+def builtins():
+    found = Plugins()
+    found.load_builtins()
+    return found
+
+
+def a_module(*specs):
+    """A plug-in module that nobody has installed."""
+
+    def geoprior_primitives():
+        yield from specs
+
+    module = types.ModuleType("geoprior_mug")
+    module.geoprior_primitives = hookimpl(geoprior_primitives)
+    return module
+
+
+def sphere(name="mug", **changes):
+    return replace(builtins().spec("primitive", "sphere"), name=name, **changes)
+
+
+def test_there_is_a_case_for_each_sentence_of_each_spec():
+    found = cases(a_module(sphere("mug"), sphere("cup")))
+    assert {case.values[0].spec.name for case in found} == {"cup", "mug"}
+    assert len(found) == 2 * len(checks_of(sphere()))
+    assert "primitive mug: its solids are closed and face outwards" in {case.id for case in found}
+
+
+def test_what_takes_long_is_marked_slow():
+    specs = [entry.spec for entry in builtins().registered()]
+    marked = {case.values[0].sentence.sentence for case in cases_of(specs) if case.marks}
+    assert "it demonstrates a task" in marked
+    assert "its solids are closed and face outwards" not in marked
+
+
+def test_a_module_whose_name_is_taken_has_no_cases():
+    with pytest.raises(PluginError, match="'sphere' is registered twice"):
+        cases(a_module(sphere("sphere")))
+
+
+def test_a_case_that_fails_says_what_to_do_and_shows_no_frames():
+    (case,) = (each for each in cases(a_module(sphere(summary=""))) if "summary" in each.id)
+    with pytest.raises(pytest.fail.Exception, match=r"summary is empty\n  say in one line") as caught:
+        case.values[0].check()
+    assert not caught.value.pytrace
+
+
+def test_the_machine_may_be_unfit_for_a_case():
+    def factory(config):
+        raise MachineError("OpenGL: no library")
+
+    (case,) = (each for each in cases(a_module(sphere(factory=factory))) if "closed" in each.id)
+    with pytest.raises(pytest.skip.Exception, match="OpenGL"):
+        case.values[0].check()
+
+
+def test_a_spec_can_be_held_to_its_contract_in_one_call():
+    assert_conforms(sphere())
+    with pytest.raises(AssertionError, match="its summary is empty"):
+        assert_conforms(sphere(summary=""))
 
 
 def test_the_fixture_has_the_built_ins_and_nobody_elses_plug_ins(fresh_plugins):

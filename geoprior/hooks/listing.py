@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from geoprior.hooks.manager import Plugin, Plugins
+from geoprior.hooks.manager import Plugins
+from geoprior.hooks.plugin import Plugin
 
 
 def as_tree(plugins: Plugins) -> list[dict[str, Any]]:

@@ -8,22 +8,24 @@ from __future__ import annotations
 
 import difflib
 import importlib
-import inspect
 import os
 import pkgutil
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib import metadata
-from types import ModuleType
 from typing import Any
 
 import pluggy
 from pydantic import BaseModel, ValidationError
 
 from geoprior import __version__
-from geoprior.errors import ConfigError, PluginError
+from geoprior.errors import ConfigError, GeopriorError, PluginError
 from geoprior.hooks import specs
+from geoprior.hooks.door import hooks_of, refuse_unknown_hooks, specs_of
+from geoprior.hooks.events import guarded
+from geoprior.hooks.failures import describe, failed, remedy, without
+from geoprior.hooks.plugin import ALLOW_LIST, Plugin
 from geoprior.hooks.types import (
     ExecutorSpec,
     LookSpec,
@@ -40,7 +42,6 @@ from geoprior.hooks.types import (
 from geoprior.options import Choice
 
 GROUP = "geoprior"
-ALLOW_LIST = "GEOPRIOR_PLUGINS"
 BUILTIN_PACKAGES = (
     "geoprior.scene.primitives",
     "geoprior.motions",
@@ -66,27 +67,8 @@ SPEC_OF_HOOK: dict[str, type[Spec]] = {
     "geoprior_policies": PolicySpec,
     "geoprior_executors": ExecutorSpec,
 }
-
-
-@dataclass(frozen=True)
-class Plugin:
-    """One plug-in module as found.
-
-    Attributes:
-        name: Entry-point name, or the module's path for a built-in.
-        package: Distribution that ships it.
-        version: Of that distribution.
-        status: ``ok``, ``broken`` or ``not allowed``.
-        hooks: Names of the hooks that it implements.
-        error: Why it is broken, one line.
-    """
-
-    name: str
-    package: str
-    version: str
-    status: str
-    hooks: tuple[str, ...] = ()
-    error: str = ""
+HOOK_OF_KIND = {spec.kind: hook for hook, spec in SPEC_OF_HOOK.items()}
+"""The kinds of plug-ins, and the hook that registers each."""
 
 
 @dataclass(frozen=True)
@@ -121,47 +103,51 @@ class Plugins:
         for package in BUILTIN_PACKAGES:
             for name in _module_names(package):
                 module = importlib.import_module(name)
-                if _hooks_of(module):
+                if hooks_of(module):
                     self.register(module, name=name, package=GROUP, version=__version__)
 
     def load_entry_points(self) -> None:
         """Load third-party plug-ins, each in its own try; ``GEOPRIOR_PLUGINS`` is the allow-list."""
         allowed = _allow_list()
         for point in sorted(metadata.entry_points(group=GROUP), key=lambda point: point.name):
-            package, version = _distribution(point)
+            plugin = Plugin(point.name, *_distribution(point), "ok", module=point.value)
             if allowed is not None and point.name not in allowed:
-                self._found.append(Plugin(point.name, package, version, "not allowed"))
+                self._found.append(replace(plugin, status="not allowed"))
                 continue
             try:
-                self.register(point.load(), name=point.name, package=package, version=version)
+                self._register(point.load(), plugin)
             except PluginConflictError:
                 raise
-            except Exception as error:  # noqa: BLE001 - a stranger's module may raise anything
-                text = f"{type(error).__name__}: {error}".splitlines()[0]
-                self._found.append(Plugin(point.name, package, version, "broken", error=text))
+            except PluginError as error:
+                fault = error.message.removeprefix(f"{plugin}: ")
+                self._found.append(replace(plugin, status="broken", error=fault, remedy=error.hint))
+            except (Exception, SystemExit) as error:  # noqa: BLE001 - a stranger's module may raise anything
+                fault, hint = describe(error), remedy(plugin, error)
+                self._found.append(replace(plugin, status="broken", error=fault, remedy=hint))
 
     def register(self, module: object, *, name: str, package: str, version: str) -> None:
         """Register one plug-in and what it yields.
 
         Raises:
-            PluginError: A hook is misspelt or has wrong arguments, a spec is not of its hook's type, or
-                its name is taken; the message names both packages.
+            PluginError: A hook is misspelt, raises or has wrong arguments, a spec is not whole or not of its
+                hook's type, or its name is taken; the message names both packages.
         """
-        plugin = Plugin(name, package, version, "ok", hooks=tuple(_hooks_of(module)))
-        self._refuse_unknown_hooks(plugin)
+        self._register(module, Plugin(name, package, version, "ok", module=getattr(module, "__name__", "")))
+
+    def _register(self, module: object, plugin: Plugin) -> None:
+        plugin = replace(plugin, hooks=hooks_of(module))
+        refuse_unknown_hooks(plugin)
+        hooks = module if plugin.package == GROUP else guarded(module, plugin)
         try:
-            self._manager.register(module, name=name)
-            self._manager.check_pending()
+            self._manager.register(hooks, name=f"{plugin.package} {plugin.name}")
         except (pluggy.PluginValidationError, ValueError) as error:
-            if self._manager.has_plugin(name):
-                self._manager.unregister(name=name)
-            raise PluginError(
-                f"plug-in {name!r} of package {package!r}: {error}", "mend or uninstall it"
-            ) from error
+            if self._manager.is_registered(hooks):
+                self._manager.unregister(hooks)
+            raise PluginError(f"{plugin}: {error}", without(plugin)) from error
         try:
             self._collect(plugin, module)
         except PluginError:
-            self._manager.unregister(name=name)
+            self._manager.unregister(hooks)
             raise
         self._found.append(plugin)
 
@@ -187,8 +173,11 @@ class Plugins:
         hint = f"did you mean {near[0]!r}? " if near else ""
         broken = [plugin for plugin in self._found if plugin.status != "ok"]
         if broken:
-            list_ = ", ".join(f"{plugin.name} ({plugin.error or plugin.status})" for plugin in broken)
-            hint += f"plug-ins that did not load: {list_}; "
+            list_ = ", ".join(
+                f"{plugin.name} ({plugin.error or plugin.status}) of {plugin.package} {plugin.version}"
+                for plugin in broken
+            )
+            hint += f"plug-ins that did not load (see `geoprior plugins check`): {list_}; "
         raise ConfigError(
             f"unknown {kind} {name!r}", f"{hint}choices: {', '.join(choices) or 'none are registered'}"
         )
@@ -207,7 +196,10 @@ class Plugins:
         model = self.spec(kind, choice.name).config
         try:
             return model.model_validate(choice.options)
-        except ValidationError as error:
+        except Exception as error:
+            if not isinstance(error, ValidationError):
+                self._blame(kind, choice.name, "the config model", error)
+                raise
             first = error.errors()[0]
             key = ".".join(str(part) for part in first["loc"])
             known = ", ".join(model.model_fields) or "none"
@@ -220,46 +212,40 @@ class Plugins:
         return Choice(name=choice.name, options=self.options(kind, choice).model_dump(mode="json"))
 
     def build(self, kind: str, choice: Choice, *arguments: object) -> Any:
-        """Build what a choice names: ``factory(config, *arguments)``."""
-        config = self.options(kind, choice)
-        return self.spec(kind, choice.name).factory(config, *arguments)
+        """Build what a choice names: ``factory(config, *arguments)``.
 
-    def _refuse_unknown_hooks(self, plugin: Plugin) -> None:
-        known = [name for name, _ in inspect.getmembers(specs) if name.startswith(f"{GROUP}_")]
-        for name in plugin.hooks:
-            if name in known:
-                continue
-            near = difflib.get_close_matches(name, known, n=1)
-            raise PluginError(
-                f"plug-in {plugin.name!r} of package {plugin.package!r}: unknown hook {name!r}",
-                f"did you mean {near[0]!r}?" if near else f"hooks: {', '.join(known)}",
-            )
+        Raises:
+            ConfigError: The name or an option is unknown.
+            PluginError: The factory of a plug-in that is not built in raises.
+        """
+        config = self.options(kind, choice)
+        try:
+            return self.spec(kind, choice.name).factory(config, *arguments)
+        except Exception as error:
+            self._blame(kind, choice.name, "the factory", error)
+            raise
+
+    def _blame(self, kind: str, name: str, part: str, error: Exception) -> None:
+        """Raise in a plug-in's name what a part of its spec has raised; what is foreseen or ours stays."""
+        plugin = self.plugin_of(kind, name)
+        if plugin.package != GROUP and not isinstance(error, GeopriorError):
+            raise failed(plugin, f"{part} of {kind} {name!r} ({HOOK_OF_KIND[kind]})", error) from error
 
     def _collect(self, plugin: Plugin, module: object) -> None:
         fresh: dict[tuple[str, str], Registered] = {}
         for hook, spec_type in SPEC_OF_HOOK.items():
             if hook not in plugin.hooks:
                 continue
-            for spec in getattr(module, hook)():
-                self._check_spec(plugin, hook, spec, spec_type)
+            for spec in specs_of(plugin, module, hook, spec_type):
                 key = (spec.kind, spec.name)
                 other = fresh.get(key) or self._registry.get(key)
                 if other is not None:
                     raise PluginConflictError(
-                        f"{spec.kind} {spec.name!r} is registered twice: by package "
-                        f"{other.plugin.package!r} ({other.plugin.name}) and by package "
-                        f"{plugin.package!r} ({plugin.name})",
+                        f"{spec.kind} {spec.name!r} is registered twice: by {other.plugin} and by {plugin}",
                         f"uninstall one of them, or name the wanted plug-ins in {ALLOW_LIST}",
                     )
                 fresh[key] = Registered(spec, plugin)
         self._registry.update(fresh)
-
-    def _check_spec(self, plugin: Plugin, hook: str, spec: object, spec_type: type[Spec]) -> None:
-        if not isinstance(spec, spec_type):
-            raise PluginError(
-                f"plug-in {plugin.name!r} of package {plugin.package!r}: {hook} yielded "
-                f"{type(spec).__name__}, expected {spec_type.__name__}"
-            )
 
 
 class PluginConflictError(PluginError):
@@ -279,16 +265,6 @@ def _module_names(package: str) -> Iterator[str]:
     for info in pkgutil.iter_modules(importlib.import_module(package).__path__):
         if not info.ispkg and not info.name.startswith("_"):
             yield f"{package}.{info.name}"
-
-
-def _hooks_of(module: object) -> list[str]:
-    marker = f"{GROUP}_impl"
-    members: Mapping[str, Any] = (
-        vars(module)
-        if isinstance(module, ModuleType)
-        else {name: getattr(module, name) for name in dir(module)}
-    )
-    return sorted(name for name, member in members.items() if hasattr(member, marker))
 
 
 def _allow_list() -> frozenset[str] | None:

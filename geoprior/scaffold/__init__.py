@@ -1,0 +1,1 @@
+"""`geoprior plugins new`: a package that adds a plug-in, written from a small one that works."""
