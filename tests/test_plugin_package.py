@@ -11,6 +11,8 @@ import pytest
 
 PACKAGES = Path(__file__).parents[1] / "plugins"
 PACKAGE, ARM = PACKAGES / "geoprior-torus", PACKAGES / "geoprior-panda"
+DIFFUSION, OBJECTS = PACKAGES / "geoprior-diffusion", PACKAGES / "geoprior-multiobject"
+HANDS = PACKAGES / "geoprior-bimanual"
 TORUS = (
     "--set", "generate.primitives=[torus]",
     "--set", "generate.episodes=2",
@@ -29,6 +31,24 @@ def site(tmp_path_factory):
 def arm_site(tmp_path_factory):
     """The same with the arm."""
     return _install(ARM, tmp_path_factory)
+
+
+@pytest.fixture(scope="module")
+def diffusion_site(tmp_path_factory):
+    """The same with the other policy."""
+    return _install(DIFFUSION, tmp_path_factory)
+
+
+@pytest.fixture(scope="module")
+def objects_site(tmp_path_factory):
+    """The same with the scenes of several objects."""
+    return _install(OBJECTS, tmp_path_factory)
+
+
+@pytest.fixture(scope="module")
+def hands_site(tmp_path_factory):
+    """The same with two hands."""
+    return _install(HANDS, tmp_path_factory)
 
 
 def _install(package: Path, tmp_path_factory) -> Path:
@@ -110,12 +130,85 @@ def test_an_arm_of_robosuite_is_a_module_of_a_few_lines(arm_site, tmp_path):
     assert len((ARM / "geoprior_panda.py").read_text().splitlines()) < 40
 
 
-@pytest.mark.parametrize("package", [PACKAGE, pytest.param(ARM, marks=pytest.mark.slow)])
-def test_their_own_tests_pass(site, arm_site, package):
+def test_another_policy_runs_from_the_geometric_data_to_the_report(diffusion_site, tmp_path):
+    """With the same command and one line of config; the prior's weights reach the fine-tuning."""
+    tiny = (
+        "cameras={height: 32, width: 32}",
+        "generate.episodes=2",
+        "generate.seconds=2",
+        "policy.widths=[16, 32]",
+        "policy.trunk_width=8",
+        "pretrain.epochs=2",
+        "demos.episodes=1",
+        "finetune.epochs=2",
+        "finetune.checkpoint_every=2",
+        "finetune.conditions={prior: {init: prior}, trunk: {init: prior, weights: trunk}}",
+        "evaluate.trials=1",
+        "evaluate.time_limit=0.5",
+        "executor=serial",
+    )
+    options = [word for each in tiny for word in ("--set", each)]
+    run = tmp_path / "run"
+    done = geoprior(diffusion_site, "run", DIFFUSION / "diffusion.yaml", "--out", run, *options)
+    assert done.returncode == 0, done.stderr
+    assert (run / "report" / "index.html").exists()
+    (checkpoint,) = (run / "checkpoints/finetune/prior-s0").glob("epoch-*.json")
+    header = json.loads(checkpoint.read_text())
+    assert header["policy"]["name"] == "diffusion"
+    assert header["details"]["transfer"]["tensors"] > 0
+    assert [plugin["name"] for plugin in json.loads((run / "run.json").read_text())["plugins"]] == [
+        "diffusion"
+    ]
+
+
+def test_scenes_of_several_objects_are_generated_and_drawn_in_space(objects_site, tmp_path):
+    tiny = ("generate.episodes=2", "generate.seconds=2", "executor=serial")
+    options = [word for each in tiny for word in ("--set", each)]
+    config, run = OBJECTS / "multiobject.yaml", tmp_path / "run"
+    done = geoprior(objects_site, "generate", config, "--out", run, *options)
+    assert done.returncode == 0, done.stderr
+    shards = run / "shards" / "synthetic"
+    info = json.loads(geoprior(objects_site, "shards", "info", shards, "--json").stdout)
+    assert info["episodes"] == 4
+    assert geoprior(objects_site, "shards", "verify", shards).returncode == 0
+    drawn = geoprior(
+        objects_site, "view", f"{config}:stack-000001", "--3d", "--film", "none", "--out", tmp_path
+    )
+    assert drawn.returncode == 0, drawn.stderr
+    assert (tmp_path / "stack-000001-3d.png").exists()
+
+
+def test_every_package_here_is_tested():
+    assert {path.parent for path in PACKAGES.glob("*/pyproject.toml")} == {
+        PACKAGE,
+        ARM,
+        DIFFUSION,
+        OBJECTS,
+        HANDS,
+    }
+
+
+@pytest.mark.parametrize("package", [DIFFUSION, OBJECTS, HANDS])
+def test_a_package_is_some_six_hundred_lines_and_says_how_it_is_used(package):
+    lines = sum(len(path.read_text().splitlines()) for path in package.glob("geoprior_*/*.py"))
+    assert lines <= 625
+    (example,) = package.glob("*.yaml")
+    assert example.name in (package / "README.md").read_text()
+
+
+@pytest.mark.parametrize(
+    "package", [PACKAGE, DIFFUSION, OBJECTS, HANDS, pytest.param(ARM, marks=pytest.mark.slow)]
+)
+def test_their_own_tests_pass(site, arm_site, diffusion_site, objects_site, hands_site, package):
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(package / "tests")]
     done = subprocess.run(
         command,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(map(str, (site, arm_site)))},
+        env={
+            **os.environ,
+            "PYTHONPATH": os.pathsep.join(
+                map(str, (site, arm_site, diffusion_site, objects_site, hands_site))
+            ),
+        },
         capture_output=True,
         text=True,
         check=False,

@@ -1,0 +1,1 @@
+"""Motions that relate several objects. Each module registers one."""
