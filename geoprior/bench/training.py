@@ -61,7 +61,7 @@ class Rates:
 
 def measure() -> Iterator[Metric]:
     """The compact policy through loader and loop, then the large one in both precisions (some 3 minutes)."""
-    yield from _measure(rounds=7, steps=4, goals=True)
+    yield from _measure(rounds=5, steps=3, goals=True)
 
 
 def measure_quickly() -> Iterator[Metric]:
