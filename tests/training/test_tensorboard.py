@@ -132,6 +132,7 @@ def test_a_killed_training_has_every_point_once(fake_store, tmp_path, asked):
         time.sleep(0.01)
     process.kill()
     process.wait()
+    time.sleep(1.1)  # TensorBoard reads event files in the order of the second in their names
     assert len(points(killed)) >= 11, "a point is on the disk before the next step is taken"
     options = {"epochs": 24, "checkpoint_every": 4}
     fit(make_training(fake_store, killed, **options))
