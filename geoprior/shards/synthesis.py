@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from geoprior.motions.trajectory import Trajectory
     from geoprior.options import Choice
     from geoprior.render.clouds import Shot
+    from geoprior.scene.config import OtherConfig
     from geoprior.scene.mesh import Mesh
     from geoprior.scene.objects import SceneObject
     from geoprior.scene.scene import Scene
@@ -59,6 +60,23 @@ class Take:
     trajectory: Trajectory
     shots: Mapping[str, Shot]
     others: Mapping[str, Choice] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """What the episodes of one motion share.
+
+    Attributes:
+        motion: Plans them.
+        recipe: See `recipe`.
+        hands: Names of the hands that it moves, in pose order.
+        others: The further objects of its scenes, by name, and where each rests.
+    """
+
+    motion: Motion
+    recipe: str
+    hands: tuple[str, ...]
+    others: Mapping[str, OtherConfig]
 
 
 class Studio:
@@ -85,7 +103,7 @@ class Studio:
         for choice in config.primitives:
             self._primitive(choice)
         self._variants: list[Variant] = [build("variant", choice) for choice in config.variants]
-        self._motions: dict[str, tuple[Motion, str]] = {}
+        self._plans: dict[str, _Plan] = {}
         _require_same_hands(config.motions)
 
     def stage(self, motion: Choice, index: int) -> Take:
@@ -101,19 +119,18 @@ class Studio:
         """
         rng = generator(self.seed, "generate", motion.name, index)
         primitive, mesh = self._draw_solid(self.config.primitives, rng)
-        spec = cast("MotionSpec", plugins().spec("motion", motion.name))
-        hands, others = hands_of(motion), others_of(spec, plugins().options("motion", motion))
+        plan = self._plan(motion)
         drawn = {
             name: self._draw_solid(where.primitives or self.config.primitives, rng)
-            for name, where in others.items()
+            for name, where in plan.others.items()
         }
-        beside = {name: (where, drawn[name][1]) for name, where in others.items()}
-        scene = draw_scene(self.config.scene, self.cameras, mesh, rng, hands, beside)
-        trajectory = self._motion(motion)[0].plan(scene, self.config.steps, rng)
-        if tuple(trajectory.hands) != hands:
+        beside = {name: (where, drawn[name][1]) for name, where in plan.others.items()}
+        scene = draw_scene(self.config.scene, self.cameras, mesh, rng, plan.hands, beside)
+        trajectory = plan.motion.plan(scene, self.config.steps, rng)
+        if tuple(trajectory.hands) != plan.hands:
             raise PluginError(
                 f"motion {motion.name!r}: planned ways for {list(trajectory.hands)}, its spec names "
-                f"{list(hands)}"
+                f"{list(plan.hands)}"
             )
         require_known_objects(motion, scene, trajectory)
         shots = vary(rig.shots(scene, trajectory), self._variants)
@@ -136,7 +153,7 @@ class Studio:
 
     def recipe(self, motion: Choice) -> str:
         """See `recipe`."""
-        return self._motion(motion)[1]
+        return self._plan(motion).recipe
 
     def _draw_solid(self, choices: Sequence[Choice], rng: np.random.Generator) -> tuple[Choice, Mesh]:
         choice = choices[int(rng.integers(len(choices)))]
@@ -148,12 +165,17 @@ class Studio:
             self._primitives[key] = plugins().build("primitive", choice)
         return self._primitives[key]
 
-    def _motion(self, motion: Choice) -> tuple[Motion, str]:
+    def _plan(self, motion: Choice) -> _Plan:
         key = motion.model_dump_json()
-        if key not in self._motions:
-            made: Motion = plugins().build("motion", motion)
-            self._motions[key] = made, recipe(self.config, self.cameras, self.seed, motion)
-        return self._motions[key]
+        if key not in self._plans:
+            spec = cast("MotionSpec", plugins().spec("motion", motion.name))
+            self._plans[key] = _Plan(
+                plugins().build("motion", motion),
+                recipe(self.config, self.cameras, self.seed, motion),
+                hands_of(motion),
+                others_of(spec, plugins().options("motion", motion)),
+            )
+        return self._plans[key]
 
     def _blocks(self, shot: Shot) -> Iterator[NDArray[np.uint8]]:
         frame_bytes = shot.view.height * -(-shot.view.width // 8)
