@@ -9,7 +9,7 @@ from pydantic import Field
 
 from geoprior.geometry.interpolate import lerp, swing_frames
 from geoprior.geometry.se3 import apply, make_transform
-from geoprior.motions._timing import ramp
+from geoprior.motions.timing import ramp
 from geoprior.options import Options
 from geoprior.scene.mesh import extents
 from geoprior.scene.ranges import LengthRange, uniform

@@ -11,7 +11,7 @@ from pydantic import Field
 
 from geoprior import MotionSpec, hookimpl
 from geoprior.motions._grasp import GraspOptions, grasp_position, reach
-from geoprior.motions._timing import approach_steps
+from geoprior.motions.timing import approach_steps
 from geoprior.motions.trajectory import Trajectory, way_of_hand
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from geoprior import MotionSpec, hookimpl
 from geoprior.geometry.interpolate import bezier, rotations_about
 from geoprior.geometry.se3 import invert, make_transform
 from geoprior.motions._grasp import GraspOptions, grasp_position, reach
-from geoprior.motions._timing import PhaseOptions, approach_steps, ramp_after
+from geoprior.motions.timing import PhaseOptions, approach_steps, ramp_after
 from geoprior.motions.trajectory import Trajectory, way_of_hand
 from geoprior.scene.marker import draw_goal, marker_points
 from geoprior.scene.objects import WORLD_UP

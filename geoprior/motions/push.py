@@ -12,7 +12,7 @@ from pydantic import Field
 from geoprior import MotionSpec, hookimpl
 from geoprior.geometry.interpolate import lerp, slerp
 from geoprior.geometry.se3 import cross, make_transform
-from geoprior.motions._timing import PhaseOptions, approach_steps, ramp, ramp_after
+from geoprior.motions.timing import PhaseOptions, approach_steps, ramp, ramp_after
 from geoprior.motions.trajectory import Trajectory, way_of_hand
 from geoprior.scene.marker import draw_goal, marker_points
 from geoprior.scene.objects import WORLD_UP

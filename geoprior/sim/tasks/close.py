@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 from pydantic import Field
 
 from geoprior import TaskSpec, hookimpl
-from geoprior.sim.tasks._timed import TimedTask
 from geoprior.sim.tasks.door import DoorConfig
+from geoprior.sim.tasks.timed import TimedTask
 
 if TYPE_CHECKING:
     import numpy as np

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from pydantic import Field
 
 from geoprior import TaskSpec, hookimpl
-from geoprior.sim.tasks._timed import GoalOptions, TimedTask
+from geoprior.sim.tasks.timed import GoalOptions, TimedTask
 
 if TYPE_CHECKING:
     import numpy as np

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from geoprior.geometry.se3 import FloatArray
     from geoprior.sim.robots.robot import Robot
     from geoprior.sim.setting import Setting
-    from geoprior.sim.tasks._timed import GoalOptions
+    from geoprior.sim.tasks.timed import GoalOptions
 
 MIDDLE = np.array([-0.05, 0.0])
 """Middle of the rectangle in the workspace frame, metres: nearer to the arms than the table's, where all of

@@ -13,12 +13,13 @@ from geoprior import MotionSpec, hookimpl
 from geoprior.geometry.interpolate import rotations_about
 from geoprior.geometry.se3 import invert
 from geoprior.motions.place import transport
+from geoprior.motions.timing import shared_out
 from geoprior.motions.trajectory import HandWay, Trajectory
 from geoprior.scene.marker import draw_goal, marker_points
 from geoprior.scene.objects import WORLD_UP
 from geoprior.scene.ranges import uniform
 from geoprior_bimanual import HANDS
-from geoprior_bimanual.grasps import GraspOptions, draw_yaw, opposite_grasps, shared_out, straight
+from geoprior_bimanual.grasps import GraspOptions, draw_yaw, opposite_grasps, straight
 
 if TYPE_CHECKING:
     from geoprior.scene.scene import Scene

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 from pydantic import Field
 
-from geoprior.errors import ConfigError
 from geoprior.geometry.interpolate import lerp, swing_frames
 from geoprior.geometry.se3 import apply, make_transform
 from geoprior.motions.push import support
@@ -98,19 +96,3 @@ def straight(start: FloatArray, end: FloatArray, count: int) -> FloatArray:
 def moved(pose: FloatArray, shift: FloatArray) -> FloatArray:
     """The pose (4, 4) shifted by (3,) metres in the world."""
     return make_transform(pose[:3, :3], pose[:3, 3] + shift)
-
-
-def shared_out(motion: str, steps: int, shares: Sequence[float]) -> list[int]:
-    """Share time steps out among phases, each at least two.
-
-    Raises:
-        ConfigError: There are too few steps.
-    """
-    ends = np.round(np.cumsum(shares) / np.sum(shares) * steps).astype(int)
-    counts: list[int] = np.diff(ends, prepend=0).tolist()
-    if min(counts) < 2:
-        raise ConfigError(
-            f"motion {motion!r}: {steps} steps are too few for phases of {counts}",
-            "raise generate.fps or generate.seconds, or even out the motion's shares",
-        )
-    return counts

@@ -13,6 +13,7 @@ from geoprior import MotionSpec, hookimpl
 from geoprior.geometry.interpolate import rotations_about
 from geoprior.geometry.se3 import invert
 from geoprior.motions.place import transport
+from geoprior.motions.timing import shared_out
 from geoprior.motions.trajectory import HandWay, Trajectory
 from geoprior.scene.marker import draw_goal, marker_points
 from geoprior.scene.objects import WORLD_UP
@@ -23,7 +24,6 @@ from geoprior_bimanual.grasps import (
     draw_yaw,
     moved,
     opposite_grasps,
-    shared_out,
     straight,
 )
 

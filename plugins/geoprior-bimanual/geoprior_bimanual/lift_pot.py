@@ -10,7 +10,8 @@ from pydantic import Field
 
 from geoprior import TaskSpec, hookimpl
 from geoprior.hooks.manager import plugins
-from geoprior.options import Choice, Options
+from geoprior.options import Choice
+from geoprior.sim.tasks.timed import TimedOptions, TimedTask
 
 if TYPE_CHECKING:
     import numpy as np
@@ -21,13 +22,9 @@ if TYPE_CHECKING:
     from geoprior.sim.worlds.tabletop import Tabletop
 
 
-class LiftPotConfig(Options):
+class LiftPotConfig(TimedOptions):
     """Options of the task `lift-pot`."""
 
-    seconds: float = Field(10.0, gt=0.0, le=120.0, description="Time limit of a trial.")
-    sustain: float = Field(
-        0.2, ge=0.0, le=5.0, description="Seconds for which success must hold without a break."
-    )
     partner: str | None = Field(
         None, description="Registered name of the arm on the right; null takes the run's `robot` twice."
     )
@@ -45,21 +42,11 @@ class LiftPotConfig(Options):
 
 
 @dataclass(frozen=True)
-class LiftPotTask:
+class LiftPotTask(TimedTask):
     """See `geoprior.sim.tasks.task.Task`."""
 
     config: LiftPotConfig
     name: str = "lift-pot"
-
-    @property
-    def seconds(self) -> float:
-        """Time limit of a trial."""
-        return self.config.seconds
-
-    @property
-    def sustain(self) -> float:
-        """Seconds for which success must hold without a break."""
-        return self.config.sustain
 
     def make(self, robot: Robot, setting: Setting) -> Tabletop:
         """Build the world: the run's arm on the left, its partner on the right, driven in the same way.

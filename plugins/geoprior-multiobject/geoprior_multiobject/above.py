@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from pydantic import Field
 
-from geoprior.errors import ConfigError
 from geoprior.geometry.interpolate import lerp, swing_frames
 from geoprior.geometry.se3 import make_transform
 from geoprior.options import Options
@@ -16,8 +15,6 @@ from geoprior.scene.objects import WORLD_UP
 from geoprior.scene.ranges import LengthRange, uniform
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import NDArray
 
     from geoprior.scene.scene import Scene
@@ -63,19 +60,3 @@ def over_and_down(scene: Scene, position: FloatArray, clearance: float, over: in
     travel = make_transform(turned, lerp(start[:3, 3], above, times))
     drop = lerp(above, position, np.linspace(0.0, 1.0, down + 1)[1:])
     return np.concatenate([travel, make_transform(np.repeat(turned[-1:], down, axis=0), drop)])
-
-
-def shared_out(motion: str, steps: int, shares: Sequence[float]) -> list[int]:
-    """Share time steps out among phases, each at least two.
-
-    Raises:
-        ConfigError: There are too few steps.
-    """
-    ends = np.round(np.cumsum(shares) / np.sum(shares) * steps).astype(int)
-    counts: list[int] = np.diff(ends, prepend=0).tolist()
-    if min(counts) < 2:
-        raise ConfigError(
-            f"motion {motion!r}: {steps} steps are too few for phases of {counts}",
-            "raise generate.fps or generate.seconds, or even out the motion's shares",
-        )
-    return counts

@@ -10,10 +10,11 @@ import numpy as np
 from pydantic import Field
 
 from geoprior import MotionSpec, hookimpl
+from geoprior.motions.timing import shared_out
 from geoprior.motions.trajectory import Trajectory, way_of_hand
 from geoprior.scene.config import OtherConfig
 from geoprior.scene.marker import marker_points
-from geoprior_multiobject.above import AboveOptions, grasp_above, over_and_down, shared_out
+from geoprior_multiobject.above import AboveOptions, grasp_above, over_and_down
 
 if TYPE_CHECKING:
     from geoprior.scene.scene import Scene

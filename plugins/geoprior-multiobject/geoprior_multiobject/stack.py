@@ -12,13 +12,14 @@ from pydantic import Field
 from geoprior import MotionSpec, hookimpl
 from geoprior.geometry.se3 import invert
 from geoprior.motions.place import transport
+from geoprior.motions.timing import shared_out
 from geoprior.motions.trajectory import Trajectory, way_of_hand
 from geoprior.options import Choice
 from geoprior.scene.config import OtherConfig
 from geoprior.scene.mesh import extents
 from geoprior.scene.objects import WORLD_UP
 from geoprior.scene.ranges import LengthRange, uniform
-from geoprior_multiobject.above import AboveOptions, grasp_above, over_and_down, shared_out
+from geoprior_multiobject.above import AboveOptions, grasp_above, over_and_down
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from pydantic import Field
 
 from geoprior import TaskSpec, hookimpl
-from geoprior.options import Options
+from geoprior.sim.tasks.timed import TimedOptions, TimedTask
 
 if TYPE_CHECKING:
     import numpy as np
@@ -20,30 +20,19 @@ if TYPE_CHECKING:
     from geoprior.sim.worlds.tabletop import Tabletop
 
 
-class MyPluginConfig(Options):
-    """Options of the task."""
+class MyPluginConfig(TimedOptions):
+    """Options of the task, beside its time limit and how long success must hold."""
 
     seconds: float = Field(6.0, gt=0.0, le=120.0, description="Time limit of a trial.")
-    sustain: float = Field(0.2, ge=0.0, le=5.0, description="Seconds for which success must hold.")
     radius: float = Field(0.025, gt=0.01, le=0.05, description="Of the ball, metres.")
 
 
 @dataclass(frozen=True)
-class MyPlugin:
+class MyPlugin(TimedTask):
     """See `geoprior.sim.tasks.task.Task`."""
 
     config: MyPluginConfig
     name: str = "my-plugin"
-
-    @property
-    def seconds(self) -> float:
-        """Time limit of a trial."""
-        return self.config.seconds
-
-    @property
-    def sustain(self) -> float:
-        """Seconds for which success must hold without a break."""
-        return self.config.sustain
 
     def make(self, robot: Robot, setting: Setting) -> Tabletop:
         """Build the world; robosuite is imported here and not before."""

@@ -1,4 +1,4 @@
-"""What the built-in tasks share: a time limit, a success that must hold, and a cube with a goal."""
+"""What tasks share: a time limit, a success that must hold, and a cube with a goal."""
 
 from __future__ import annotations
 

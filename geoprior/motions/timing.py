@@ -1,6 +1,8 @@
-"""How the phases of a motion share its steps."""
+"""How the phases of a motion share its steps; for motions of others too."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,3 +43,19 @@ def approach_steps(motion: str, steps: int, share: float, reserved: int) -> int:
             "raise generate.fps or generate.seconds, or lower the motion's hold steps",
         )
     return min(max(2, round(share * steps)), most)
+
+
+def shared_out(motion: str, steps: int, shares: Sequence[float]) -> list[int]:
+    """Share time steps out among phases, each at least two.
+
+    Raises:
+        ConfigError: There are too few steps.
+    """
+    ends = np.round(np.cumsum(shares) / np.sum(shares) * steps).astype(int)
+    counts: list[int] = np.diff(ends, prepend=0).tolist()
+    if min(counts) < 2:
+        raise ConfigError(
+            f"motion {motion!r}: {steps} steps are too few for phases of {counts}",
+            "raise generate.fps or generate.seconds, or even out the motion's shares",
+        )
+    return counts
