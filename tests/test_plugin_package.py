@@ -5,14 +5,17 @@ import os
 import shutil
 import subprocess
 import sys
+from functools import lru_cache, partial
 from pathlib import Path
 
 import pytest
+from command_line import geoprior
 
 PACKAGES = Path(__file__).parents[1] / "plugins"
 PACKAGE, ARM = PACKAGES / "geoprior-torus", PACKAGES / "geoprior-panda"
 DIFFUSION, OBJECTS = PACKAGES / "geoprior-diffusion", PACKAGES / "geoprior-multiobject"
 HANDS = PACKAGES / "geoprior-bimanual"
+EVERY = (PACKAGE, ARM, DIFFUSION, OBJECTS, HANDS)
 TORUS = (
     "--set", "generate.primitives=[torus]",
     "--set", "generate.episodes=2",
@@ -22,33 +25,15 @@ TORUS = (
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory):
-    """A folder with the torus installed into it, as in somebody's environment."""
-    return _install(PACKAGE, tmp_path_factory)
+def site_with(tmp_path_factory):
+    """Gives a folder with a package installed into it, as in somebody's environment."""
+    return lru_cache(maxsize=None)(partial(_install, tmp_path_factory=tmp_path_factory))
 
 
-@pytest.fixture(scope="module")
-def arm_site(tmp_path_factory):
-    """The same with the arm."""
-    return _install(ARM, tmp_path_factory)
-
-
-@pytest.fixture(scope="module")
-def diffusion_site(tmp_path_factory):
-    """The same with the other policy."""
-    return _install(DIFFUSION, tmp_path_factory)
-
-
-@pytest.fixture(scope="module")
-def objects_site(tmp_path_factory):
-    """The same with the scenes of several objects."""
-    return _install(OBJECTS, tmp_path_factory)
-
-
-@pytest.fixture(scope="module")
-def hands_site(tmp_path_factory):
-    """The same with two hands."""
-    return _install(HANDS, tmp_path_factory)
+@pytest.fixture
+def site(site_with):
+    """The folder with the torus."""
+    return site_with(PACKAGE)
 
 
 def _install(package: Path, tmp_path_factory) -> Path:
@@ -67,16 +52,6 @@ def _install(package: Path, tmp_path_factory) -> Path:
     ]
     subprocess.run([sys.executable, "-m", "pip", *map(str, install)], check=True, capture_output=True)
     return folder
-
-
-def geoprior(site, *arguments, **environment):
-    return subprocess.run(
-        [sys.executable, "-m", "geoprior", *map(str, arguments)],
-        env={**os.environ, "PYTHONPATH": str(site), **environment},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
 
 
 def test_it_is_listed_with_its_package_version_and_hooks(site):
@@ -116,21 +91,21 @@ def test_the_allow_list_keeps_it_out_and_says_so(site, tmp_path):
     assert "Traceback" not in done.stderr
 
 
-def test_an_arm_of_robosuite_is_a_module_of_a_few_lines(arm_site, tmp_path):
+def test_an_arm_of_robosuite_is_a_module_of_a_few_lines(site_with, tmp_path):
     """The command line demonstrates a task with an arm that the package adds."""
     small = ("robot=panda", "task=push", "demos.episodes=1", "executor=serial")
     options = [word for each in small for word in ("--set", each)]
-    done = geoprior(arm_site, "demos", "quickstart", "--out", tmp_path / "run", *options)
+    done = geoprior(site_with(ARM), "demos", "quickstart", "--out", tmp_path / "run", *options)
     assert done.returncode == 0, done.stderr
     shards = tmp_path / "run" / "shards" / "demos"
-    info = json.loads(geoprior(arm_site, "shards", "info", shards, "--json").stdout)
+    info = json.loads(geoprior(site_with(ARM), "shards", "info", shards, "--json").stdout)
     assert info["episodes"] == 1
     run = json.loads((tmp_path / "run" / "run.json").read_text())
     assert [plugin["package"] for plugin in run["plugins"]] == ["geoprior-panda"]
     assert len((ARM / "geoprior_panda.py").read_text().splitlines()) < 40
 
 
-def test_another_policy_runs_from_the_geometric_data_to_the_report(diffusion_site, tmp_path):
+def test_another_policy_runs_from_the_geometric_data_to_the_report(site_with, tmp_path):
     """With the same command and one line of config; the prior's weights reach the fine-tuning."""
     tiny = (
         "cameras={height: 32, width: 32}",
@@ -149,7 +124,7 @@ def test_another_policy_runs_from_the_geometric_data_to_the_report(diffusion_sit
     )
     options = [word for each in tiny for word in ("--set", each)]
     run = tmp_path / "run"
-    done = geoprior(diffusion_site, "run", DIFFUSION / "diffusion.yaml", "--out", run, *options)
+    done = geoprior(site_with(DIFFUSION), "run", DIFFUSION / "diffusion.yaml", "--out", run, *options)
     assert done.returncode == 0, done.stderr
     assert (run / "report" / "index.html").exists()
     (checkpoint,) = (run / "checkpoints/finetune/prior-s0").glob("epoch-*.json")
@@ -161,18 +136,18 @@ def test_another_policy_runs_from_the_geometric_data_to_the_report(diffusion_sit
     ]
 
 
-def test_scenes_of_several_objects_are_generated_and_drawn_in_space(objects_site, tmp_path):
+def test_scenes_of_several_objects_are_generated_and_drawn_in_space(site_with, tmp_path):
     tiny = ("generate.episodes=2", "generate.seconds=2", "executor=serial")
     options = [word for each in tiny for word in ("--set", each)]
     config, run = OBJECTS / "multiobject.yaml", tmp_path / "run"
-    done = geoprior(objects_site, "generate", config, "--out", run, *options)
+    done = geoprior(site_with(OBJECTS), "generate", config, "--out", run, *options)
     assert done.returncode == 0, done.stderr
     shards = run / "shards" / "synthetic"
-    info = json.loads(geoprior(objects_site, "shards", "info", shards, "--json").stdout)
+    info = json.loads(geoprior(site_with(OBJECTS), "shards", "info", shards, "--json").stdout)
     assert info["episodes"] == 4
-    assert geoprior(objects_site, "shards", "verify", shards).returncode == 0
+    assert geoprior(site_with(OBJECTS), "shards", "verify", shards).returncode == 0
     drawn = geoprior(
-        objects_site, "view", f"{config}:stack-000001", "--3d", "--film", "none", "--out", tmp_path
+        site_with(OBJECTS), "view", f"{config}:stack-000001", "--3d", "--film", "none", "--out", tmp_path
     )
     assert drawn.returncode == 0, drawn.stderr
     assert (tmp_path / "stack-000001-3d.png").exists()
@@ -199,15 +174,13 @@ def test_a_package_is_some_six_hundred_lines_and_says_how_it_is_used(package):
 @pytest.mark.parametrize(
     "package", [PACKAGE, DIFFUSION, OBJECTS, HANDS, pytest.param(ARM, marks=pytest.mark.slow)]
 )
-def test_their_own_tests_pass(site, arm_site, diffusion_site, objects_site, hands_site, package):
+def test_their_own_tests_pass(site_with, package):
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(package / "tests")]
     done = subprocess.run(
         command,
         env={
             **os.environ,
-            "PYTHONPATH": os.pathsep.join(
-                map(str, (site, arm_site, diffusion_site, objects_site, hands_site))
-            ),
+            "PYTHONPATH": os.pathsep.join(str(site_with(each)) for each in EVERY),
         },
         capture_output=True,
         text=True,

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from statistics import median
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from geoprior.bench.clock import seconds_of
 from geoprior.bench.metrics import Metric
 from geoprior.bench.training import COMPACT, LARGE, SEED, SIZE
 from geoprior.policies.normalise import FeatureStatistics, Normaliser
@@ -60,9 +60,4 @@ def times_of_predictions(predictor: LoadedPredictor, rows: int, count: int) -> l
     shape = (rows, *FEATURES.image_size)
     binary = np.array([0, 255], dtype=np.uint8)
     images = {name: rng.choice(binary, size=shape) for name in FEATURES.cameras}
-    times = []
-    for _ in range(count):
-        begun = time.perf_counter()
-        predictor.predict(pose, images)
-        times.append(time.perf_counter() - begun)
-    return times
+    return [seconds_of(predictor.predict, pose, images) for _ in range(count)]

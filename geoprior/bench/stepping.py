@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from geoprior.bench.clock import seconds_of
 from geoprior.errors import MachineError
 from geoprior.geometry.camera import CamerasConfig
 from geoprior.options import Choice
@@ -140,13 +141,13 @@ def measure_costs(controller: str) -> Costs:
         env.reset(state)
         judge = Judge(env)
         for command in commands:
-            rows["frames"].append(_seconds(env.observe))
-            rows["step"].append(_seconds(env.step, command) + _seconds(judge.look))
+            rows["frames"].append(seconds_of(env.observe))
+            rows["step"].append(seconds_of(env.step, command) + seconds_of(judge.look))
             rows["physics"].append(bare.seconds())
         env.reset(state)
         control = PoseControl(env.world, controller)
         for command in commands:
-            rows["advance"].append(_seconds(control.advance, env.action_of(command)))
+            rows["advance"].append(seconds_of(control.advance, env.action_of(command)))
     parts = {name: 1e3 * median(times) for name, times in rows.items()}
     return Costs(
         physics=parts["physics"],
@@ -172,18 +173,12 @@ class _BarePhysics:
         """Wall time from the environment's state on, which stays as it is."""
         self._mujoco.mj_getState(self._model, self._data, self._state, self._kind)
         self._mujoco.mj_setState(self._model, self._scratch, self._state, self._kind)
-        return _seconds(self._step)
+        return seconds_of(self._step)
 
     def _step(self) -> None:
         for _ in range(self._substeps):
             self._mujoco.mj_step1(self._model, self._scratch)
             self._mujoco.mj_step2(self._model, self._scratch)
-
-
-def _seconds(function: Any, *arguments: Any) -> float:
-    began = time.perf_counter()
-    function(*arguments)
-    return time.perf_counter() - began
 
 
 def _environment(controller: str) -> Environment:

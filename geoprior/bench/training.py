@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import torch
 from torch.utils.flop_counter import FlopCounterMode
 
+from geoprior.bench.clock import seconds_of
 from geoprior.bench.metrics import Metric, at_least, at_most
 from geoprior.executors.local import SerialExecutor
 from geoprior.geometry.camera import CamerasConfig
@@ -162,12 +163,7 @@ def _measure_steps(
 
 def times_of_steps(training: Training, optimizer: AdamW, batch: Batch, count: int) -> list[float]:
     """Seconds of so many optimiser steps on the same batch."""
-    times = []
-    for step in range(count):
-        begun = time.perf_counter()
-        take_step(training, optimizer, step, {0: batch})
-        times.append(time.perf_counter() - begun)
-    return times
+    return [seconds_of(take_step, training, optimizer, step, {0: batch}) for step in range(count)]
 
 
 def operations_of(training: Training, optimizer: AdamW, batch: Batch) -> float:
@@ -182,12 +178,6 @@ def machine_rates(dtype: torch.dtype, size: int = 1536) -> Rates:
     a = torch.ones(size, size, dtype=dtype)
     numbers = torch.ones(2**25)
     copy = torch.empty_like(numbers)
-    product = min(_seconds(lambda: torch.mm(a, a)) for _ in range(6))
-    copied = min(_seconds(lambda: copy.copy_(numbers)) for _ in range(4))
+    product = min(seconds_of(torch.mm, a, a) for _ in range(6))
+    copied = min(seconds_of(copy.copy_, numbers) for _ in range(4))
     return Rates(2.0 * size**3 / product, 2.0 * 4 * numbers.numel() / copied)
-
-
-def _seconds(function: Any) -> float:
-    begun = time.perf_counter()
-    function()
-    return time.perf_counter() - begun

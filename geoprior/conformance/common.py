@@ -65,6 +65,19 @@ def _defaults_build(spec: Spec) -> None:
     spec.config.model_json_schema()
 
 
+def require_own_name(spec: Spec, name: str) -> None:
+    """What a spec builds is called as the spec is.
+
+    Raises:
+        BrokenContractError: It is not.
+    """
+    require(
+        name == spec.name,
+        f"{spec.kind} {spec.name!r}: the {spec.kind}'s own name is {name!r}",
+        f"give both the same name: shards and reports say the {spec.kind}'s",
+    )
+
+
 CHECKS = (
     Check("a config can name it", _can_be_named),
     Check("its summary is one line", _has_a_summary),

@@ -51,6 +51,26 @@ def states(env: Environment, seed: int, steps: int = 20) -> np.ndarray[tuple[int
     return np.array(seen)
 
 
+def demonstrate(env: Environment, limit: int | None = None) -> str | None:
+    """Have the expert act from where the environment was reset to, for so many steps at most.
+
+    Returns:
+        The judge's verdict: empty for success, a reason of failure, or None where it gave none.
+
+    Raises:
+        UnstablePhysicsError: The simulation broke.
+    """
+    from geoprior.sim.judge import Judge
+
+    judge, verdict = Judge(env), None
+    for command in islice(env.expert(0), limit):
+        env.step(command)
+        verdict = judge.look()
+        if verdict is not None:
+            break
+    return verdict
+
+
 def frames(env: Environment, seed: int) -> dict[str, np.ndarray[tuple[int, ...], np.dtype[np.uint8]]]:
     """The first frames of an episode, by camera."""
     env.reset(seed)

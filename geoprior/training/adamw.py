@@ -127,8 +127,7 @@ class HalfAdamW(AdamW):
         rates = self._rates(group, int(state["step"]))
         whole, half = self._whole[parameter], self._halves[parameter]
         flat = [
-            _flat(tensor, whole)
-            for tensor in (whole, state["exp_avg"], state["exp_avg_sq"], gradient.to(torch.bfloat16), half)
+            _flat(tensor, whole) for tensor in (whole, state["exp_avg"], state["exp_avg_sq"], gradient, half)
         ]
         for first in range(0, whole.numel(), _CUT):
             yield update_halves, *(numbers[first : first + _CUT] for numbers in flat), rates

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 
@@ -19,14 +16,3 @@ def install(site: Path, package: str, code: str, requires: str = "geoprior") -> 
     )
     (metadata / "entry_points.txt").write_text(f"[geoprior]\n{module} = {module}\n")
     return site
-
-
-def geoprior(site, *arguments, **environment):
-    """Run the command line with the packages of a folder."""
-    return subprocess.run(
-        [sys.executable, "-m", "geoprior", *map(str, arguments)],
-        env={**os.environ, "PYTHONPATH": str(site), **environment},
-        capture_output=True,
-        text=True,
-        check=False,
-    )

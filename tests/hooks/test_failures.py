@@ -4,7 +4,8 @@ import logging
 import textwrap
 
 import pytest
-from hook_material import geoprior, install
+from command_line import geoprior
+from hook_material import install
 
 from geoprior import PrimitiveSpec, TrainStep, __version__, hookimpl
 from geoprior.conformance.command import check

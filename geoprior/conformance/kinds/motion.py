@@ -15,6 +15,7 @@ from geoprior.geometry.seeding import generator
 from geoprior.hooks.types import MotionSpec
 from geoprior.motions.trajectory import Trajectory, ways_of_objects
 from geoprior.scene.scene import Scene
+from geoprior.shards.episode import POSE_SIZE
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -129,7 +130,7 @@ def poses_are_continuous(spec: MotionSpec) -> None:
     for where, _, plan in _plans(spec):
         poses = plan.pose()
         require_array(poses, f"{where}, pose", (STEPS, 8 * len(spec.hands)), np.float32)
-        quaternions = poses.reshape(STEPS, -1, 8)[..., 3:7].astype(np.float64)
+        quaternions = poses.reshape(STEPS, -1, POSE_SIZE)[..., 3:7].astype(np.float64)
         dots = np.sum(quaternions[1:] * quaternions[:-1], axis=-1)
         require(
             (dots > 0.5).all(),

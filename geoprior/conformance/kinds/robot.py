@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from geoprior.conformance.check import Check, refuse, require
-from geoprior.conformance.stage import world_with
+from geoprior.conformance.common import require_own_name
+from geoprior.conformance.stage import demonstrate, world_with
 from geoprior.errors import DataError
 from geoprior.geometry.se3 import apply, invert, transforms_of_poses
 from geoprior.hooks.types import RobotSpec
+from geoprior.shards.episode import POSE_SIZE
 
 SEEDS = range(4)
 NEAR = 0.012
@@ -21,11 +23,7 @@ SECONDS = 2.5
 def numbers_are_those_of_an_arm(spec: RobotSpec) -> None:
     """Its name is the spec's, its joints are finite, its hand frame is a right-handed rotation."""
     robot, where = spec.factory(spec.config()), f"robot {spec.name!r}"
-    require(
-        robot.name == spec.name,
-        f"{where}: the robot's own name is {robot.name!r}",
-        "give both the same name: shards and reports say the robot's",
-    )
+    require_own_name(spec, robot.name)
     require(
         np.isfinite(robot.home_joints).all(), f"{where}: a home joint is not finite", "joints are radians"
     )
@@ -61,11 +59,11 @@ def goes_where_it_is_sent(spec: RobotSpec) -> None:
     for seed in SEEDS:
         env.reset(seed)
         command = env.pose()
-        command.reshape(-1, 8)[:, :3] += np.array([0.06, -0.05, -0.08], dtype=np.float32)
+        command.reshape(-1, POSE_SIZE)[:, :3] += np.array([0.06, -0.05, -0.08], dtype=np.float32)
         for _ in range(round(SECONDS * env.control_rate)):
             env.step(command)
-        wanted = transforms_of_poses(command.reshape(-1, 8))
-        reached = transforms_of_poses(env.pose().reshape(-1, 8))
+        wanted = transforms_of_poses(command.reshape(-1, POSE_SIZE))
+        reached = transforms_of_poses(env.pose().reshape(-1, POSE_SIZE))
         missed = np.abs(reached[..., :3, 3] - wanted[..., :3, 3]).max()
         turned = np.abs(reached[..., :3, :3] - wanted[..., :3, :3]).max()
         require(
@@ -81,7 +79,7 @@ def fingers_close_along_right(spec: RobotSpec) -> None:
     env.reset(0)
     before = _gripper_in_hand_frame(spec)
     command = env.pose()
-    command.reshape(-1, 8)[:, 7] = 1.0
+    command.reshape(-1, POSE_SIZE)[:, 7] = 1.0
     for _ in range(round(SECONDS * env.control_rate)):
         env.step(command)
     moved = np.abs(_gripper_in_hand_frame(spec) - before).max(axis=0)
@@ -97,18 +95,12 @@ def fingers_close_along_right(spec: RobotSpec) -> None:
 def demonstrates_a_task(spec: RobotSpec) -> None:
     """The scripted expert of `pick` succeeds from one of a few initial states at least."""
     from geoprior.sim.environment import UnstablePhysicsError
-    from geoprior.sim.judge import Judge
 
     env, reasons = world_with(spec), []
     for seed in SEEDS:
         env.reset(seed)
-        judge, verdict = Judge(env), None
         try:
-            for command in env.expert(0):
-                env.step(command)
-                verdict = judge.look()
-                if verdict is not None:
-                    break
+            verdict = demonstrate(env)
         except (UnstablePhysicsError, DataError) as error:
             verdict = str(error)
         if verdict == "":

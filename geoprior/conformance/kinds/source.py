@@ -14,6 +14,7 @@ from geoprior.conformance.check import Check, digest, require, require_array
 from geoprior.geometry.camera import CamerasConfig
 from geoprior.hooks.types import SourceSpec
 from geoprior.shards.config import GenerateConfig
+from geoprior.shards.episode import POSE_SIZE
 from geoprior.sources.source import SourceContext
 
 if TYPE_CHECKING:
@@ -73,7 +74,7 @@ def poses_are_pose_vectors(spec: SourceSpec) -> None:
             where = f"source {spec.name!r}, slot {slot}"
             require_array(poses, f"{where}: poses", (None, size), np.float32)
             require_array(actions, f"{where}: actions", (len(poses), size), np.float32)
-            norms = np.linalg.norm(poses.reshape(len(poses), -1, 8)[..., 3:7], axis=-1)
+            norms = np.linalg.norm(poses.reshape(len(poses), -1, POSE_SIZE)[..., 3:7], axis=-1)
             require(np.abs(norms - 1.0).max() < 1e-3, f"{where}: a quaternion is not of unit length")
 
 

@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from geoprior.conformance.check import Check, digest, require, require_array
-from geoprior.conformance.stage import frames, world_with
+from geoprior.conformance.common import require_own_name
+from geoprior.conformance.stage import demonstrate, frames, world_with
 from geoprior.hooks.types import TaskSpec
+from geoprior.shards.episode import POSE_SIZE
 
 if TYPE_CHECKING:
     from geoprior.sim.environment import Environment
@@ -21,11 +23,7 @@ ENOUGH = 2
 def says_how_long_it_takes(spec: TaskSpec) -> None:
     """Its name is the spec's; a trial has some seconds, and success is held for fewer."""
     task, where = spec.factory(spec.config()), f"task {spec.name!r}"
-    require(
-        task.name == spec.name,
-        f"{where}: the task's own name is {task.name!r}",
-        "give both the same name: shards and reports say the task's",
-    )
+    require_own_name(spec, task.name)
     require(task.seconds > 0.0, f"{where}: a trial takes {task.seconds} s")
     require(0.0 <= task.sustain < task.seconds, f"{where}: success must hold for {task.sustain} s")
 
@@ -75,7 +73,7 @@ def commands_are_pose_vectors(spec: TaskSpec) -> None:
         env.reset(SEEDS[0])
         for command in env.expert(0):
             require_array(command, f"task {spec.name!r}: a command", (size,), np.float32)
-            norms = np.linalg.norm(command.reshape(-1, 8)[:, 3:7], axis=1)
+            norms = np.linalg.norm(command.reshape(-1, POSE_SIZE)[:, 3:7], axis=1)
             require(
                 np.abs(norms - 1.0).max() < 1e-3, f"task {spec.name!r}: a quaternion is not of unit length"
             )
@@ -90,18 +88,11 @@ def commands_are_pose_vectors(spec: TaskSpec) -> None:
 
 def its_expert_succeeds_in_time(spec: TaskSpec) -> None:
     """Most demonstrations succeed, within the seconds that a trial has."""
-    from geoprior.sim.judge import Judge
-
     env, outcomes = world_with(spec), []
     limit = round(env.task.seconds * env.control_rate)
     for seed in SEEDS:
         env.reset(seed)
-        judge, verdict = Judge(env), None
-        for steps, command in enumerate(env.expert(0), start=1):
-            env.step(command)
-            verdict = judge.look()
-            if verdict is not None or steps >= limit:
-                break
+        verdict = demonstrate(env, limit)
         outcomes.append({"": "success", None: "not done"}.get(verdict, str(verdict)))
     require(
         outcomes.count("success") >= ENOUGH,
