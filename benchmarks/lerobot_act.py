@@ -21,37 +21,23 @@ from itertools import islice
 from pathlib import Path
 
 import torch
-from lerobot.configs.types import FeatureType, PolicyFeature
-from lerobot.policies.act.configuration_act import ACTConfig
 from lerobot.policies.act.modeling_act import ACTPolicy
+from lerobot_parity import build
 from safetensors import safe_open
 from safetensors.torch import load_file, save_file
 from torch import Tensor
 
 CAMERAS = ("hand", "third")
-POSE_SIZE, CHUNK, CLIP = 8, 25, 10.0
+POSE_SIZE, CHUNK, SIZE, CLIP = 8, 25, 96, 10.0
 MEAN = torch.tensor([0.485, 0.456, 0.406])[:, None, None]
 STD = torch.tensor([0.229, 0.224, 0.225])[:, None, None]
 SAVE_EVERY, JUDGE_EVERY = 100, 250
 
 
-def build(size: int = 96) -> ACTPolicy:
+def build_policy() -> ACTPolicy:
     """A policy with random weights, in training mode."""
-    images = {
-        f"observation.images.{camera}": PolicyFeature(FeatureType.VISUAL, (3, size, size))
-        for camera in CAMERAS
-    }
-    state = {"observation.state": PolicyFeature(FeatureType.STATE, (POSE_SIZE,))}
-    action = {"action": PolicyFeature(FeatureType.ACTION, (POSE_SIZE,))}
-    config = ACTConfig(
-        input_features={**state, **images},
-        output_features=action,
-        chunk_size=CHUNK,
-        n_action_steps=CHUNK,
-        pretrained_backbone_weights=None,
-        device="cpu",
-    )
-    return ACTPolicy(config).train()
+    sizes = {"cameras": CAMERAS, "image_size": (SIZE, SIZE), "pose_size": POSE_SIZE}
+    return build({"config": {"chunk_size": CHUNK}, **sizes}, dropout=0.1)
 
 
 def make_optimizer(policy: ACTPolicy) -> torch.optim.Optimizer:
@@ -71,7 +57,7 @@ def take_step(policy: ACTPolicy, optimizer: torch.optim.Optimizer, batch: dict[s
 
 def random_batch(size: int) -> dict[str, Tensor]:
     """Numbers as large as normalised ones."""
-    batch = {f"observation.images.{camera}": torch.randn(size, 3, 96, 96) for camera in CAMERAS}
+    batch = {f"observation.images.{camera}": torch.randn(size, 3, SIZE, SIZE) for camera in CAMERAS}
     batch |= {
         "observation.state": torch.randn(size, POSE_SIZE),
         "action": torch.randn(size, CHUNK, POSE_SIZE),
@@ -81,7 +67,7 @@ def random_batch(size: int) -> dict[str, Tensor]:
 
 def serve() -> None:
     """Answer lines such as ``train 8 5`` with the seconds of five steps at a batch of 8, as JSON."""
-    policy = build()
+    policy = build_policy()
     optimizer = make_optimizer(policy)
     print(json.dumps({package: version(package) for package in ("lerobot", "torch")}), flush=True)
     for line in sys.stdin:
@@ -137,7 +123,7 @@ def learn(folder: Path, steps: int, threads: int) -> None:
     """Train for so many steps; the first weights are kept for the other side."""
     torch.set_num_threads(threads)
     torch.manual_seed(0)
-    policy = build()
+    policy = build_policy()
     optimizer = make_optimizer(policy)
     initial, state, result = (
         folder / f"lerobot_{name}" for name in ("initial.safetensors", "state.safetensors", "curve.json")

@@ -16,6 +16,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Generator, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,10 +26,9 @@ from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 
 from geoprior.bench.metrics import Metric, as_lines, at_most, report
+from geoprior.bench.training import LARGE, make_training
 from geoprior.files import sha256_json, write_json
-from geoprior.options import Choice
 from geoprior.policies.act.lerobot_names import POSITION_TABLE, from_lerobot
-from geoprior.policies.checkpoint import CheckpointHeader
 from geoprior.policies.normalise import Normaliser, normalise_images
 from geoprior.policies.policy import Batch
 from geoprior.shards.reader import EpisodeStore
@@ -36,16 +36,14 @@ from geoprior.sources.shards import ShardSource
 from geoprior.training.config import TrainConfig
 from geoprior.training.data import Batches, features_of, split_slots, statistics_of
 from geoprior.training.held_out import HeldOut
-from geoprior.training.loop import Training, fit
-from geoprior.training.machine import Machine, decide_machine
-from geoprior.training.stages import build_policy
+from geoprior.training.loop import fit
+from geoprior.training.machine import Machine
 
 WORKER = Path(__file__).with_name("lerobot_act.py")
 STEPS, BATCH, CHUNK, SEED = 2_000, 8, 25, 20_000
 """Steps that are recorded, and that the goal speaks of."""
 JUDGE_EVERY = 250
 GOAL_PERCENT = 2.0
-ACT = {"dim": 512, "ffn": 3200, "chunk": CHUNK, "padding": "all", "trunk_norm": "frozen"}
 TRAIN, HELD_OUT = "train.safetensors", "held_out.safetensors"
 
 
@@ -122,37 +120,30 @@ class Deployed:
 
 def learn(work: Path, steps: int, precision: str, threads: int) -> list[dict[str, Any]]:
     """Train ours; returns a row for every time it was judged."""
-    source = ShardSource(EpisodeStore(work / "data" / "shards" / "synthetic"))
-    features = features_of(source, CHUNK)
-    choice = Choice(name="act", options=ACT)
-    policy = build_policy(choice, features, 0)
-    theirs = load_file(work / "lerobot_initial.safetensors")
-    named = {from_lerobot(name): tensor for name, tensor in theirs.items() if name != POSITION_TABLE}
-    policy.load_state_dict(named, strict=True)
-    config = TrainConfig(
+    folder = work / f"ours-{precision}"
+    plain = make_training(
+        ShardSource(EpisodeStore(work / "data" / "shards" / "synthetic")),
+        LARGE,
+        BATCH,
+        precision,
+        threads,
         epochs=steps // JUDGE_EVERY,
         checkpoint_every=1,
-        batch_size=BATCH,
         learning_rate=1e-5,
         gradient_clip=10.0,
-        precision=precision,
-        threads=threads,
         log_every=JUDGE_EVERY,
     )
-    folder = work / f"ours-{precision}"
-    decided = decide_machine(config, folder)
-    header = CheckpointHeader(choice, features, source.fps, statistics_of(source), 0, 0, {})
-    training = Training(
+    theirs = load_file(work / "lerobot_initial.safetensors")
+    named = {from_lerobot(name): tensor for name, tensor in theirs.items() if name != POSITION_TABLE}
+    plain.policy.load_state_dict(named, strict=True)
+    training = replace(
+        plain,
         run=folder.name,
         folder=folder,
-        config=config,
-        policy=policy,
         batches=Recorded(work / TRAIN, BATCH),
         episodes=JUDGE_EVERY * BATCH,
         seed=SEED,
-        machine=decided,
-        header=header,
-        fingerprint=sha256_json([ACT, SEED, precision]),
+        fingerprint=sha256_json([{**LARGE.options, "chunk": CHUNK}, SEED, precision]),
         held_out=Deployed(work / HELD_OUT),
     )
     fit(training)

@@ -2,7 +2,7 @@
 
 oneDNN lays the weights of a convolution out anew at every call. Where a map has few cells and many channels
 that is most of the work: the three passes through a 3x3 kernel of 512 channels on 16 maps of 3x3 cells take
-28 ms so and 6 ms as products of a matrix whose rows are the cells' neighbourhoods (one thread, bfloat16).
+29 ms so and 6 ms as products of a matrix whose rows are the cells' neighbourhoods (one thread, bfloat16).
 """
 
 from __future__ import annotations
