@@ -35,18 +35,15 @@ def status(run, stage):
 
 def start(config, run):
     command = [sys.executable, "-m", "geoprior", "run", str(config), "--out", str(run)]
-    return subprocess.Popen(
-        command,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-        preexec_fn=heed_ctrl_c,
-    )
+    return subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
 
 
+@pytest.fixture(autouse=True)
 def heed_ctrl_c():
-    """A shell's background job ignores SIGINT, and so would its children: these tests among them."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    """A shell's background job ignores SIGINT, and so would what it starts: these tests among them."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 def finish(config, run):

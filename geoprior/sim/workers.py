@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import TYPE_CHECKING
@@ -72,6 +73,9 @@ def _build(setup: Setup, control_rate: int, siblings: list[Environment]) -> Envi
     from geoprior.sim.environment import Environment
     from geoprior.sim.setting import Setting
 
+    if not siblings:
+        # robosuite's objects refer to each other, and Python does not see the 100 MB that they hold.
+        gc.collect()
     found = plugins()
     return Environment(
         found.build("robot", setup.robot),
