@@ -38,14 +38,15 @@ def checked(tmp_path, monkeypatch):
         install(tmp_path, code, requires)
         monkeypatch.setenv("PYTHONPATH", str(tmp_path))
         monkeypatch.syspath_prepend(tmp_path)
-        monkeypatch.delitem(sys.modules, "geoprior_mug", raising=False)
+        sys.modules.pop("geoprior_mug", None)
         plugins, lines = Plugins(), []
         plugins.load_builtins()
         plugins.load_entry_points()
         content = check(name, plugins, lines.append, **options)
         return content, "\n".join(lines)
 
-    return run
+    yield run
+    sys.modules.pop("geoprior_mug", None)
 
 
 def install(folder, code, requires="geoprior"):
