@@ -35,7 +35,8 @@ def convolve(x: Tensor, weight: Tensor, bias: Tensor | None, stride: int) -> Ten
     """
     kernel = weight.shape[-1]
     cells = -(-x.shape[-2] // stride) * -(-x.shape[-1] // stride)
-    if x.device.type != "cpu" or (cells > _SOME_CELLS and kernel > 1):
+    elsewhere = x.device.type != "cpu" or torch.compiler.is_compiling()
+    if elsewhere or (cells > _SOME_CELLS and kernel > 1):
         return functional.conv2d(x, weight, bias, stride, kernel // 2)
     convolved = cast("Tensor", _Convolution.apply(x, weight, stride))  # type: ignore[no-untyped-call]
     return convolved if bias is None else convolved + bias.to(convolved.dtype)[:, None, None]

@@ -17,6 +17,7 @@ from geoprior.hooks.manager import plugins
 from geoprior.hooks.types import TrainStep
 from geoprior.policies.checkpoint import CheckpointHeader, checkpoint_path, save_checkpoint
 from geoprior.progress import Track, track
+from geoprior.training.compiling import compile_loss
 from geoprior.training.optimise import make_optimizer, take_step
 from geoprior.training.order import steps_until
 from geoprior.training.resume import (
@@ -80,7 +81,7 @@ class Training:
     def loss(self) -> Callable[[Batch], tuple[Tensor, Mapping[str, Tensor]]]:
         """The policy's, compiled where the config says so."""
         plain = cast("Policy", self.policy).loss
-        return torch.compile(plain) if self.config.compile else plain
+        return compile_loss(plain) if self.config.compile else plain
 
     @property
     def steps(self) -> int:

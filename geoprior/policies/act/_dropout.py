@@ -20,12 +20,12 @@ def dropout(x: Tensor, probability: float, *, training: bool) -> Tensor:
     """Zero elements at random and scale the rest so that the expectation stays.
 
     On a CPU the probability is rounded to a multiple of 1/256 (0.1 becomes 26/256 = 0.1016), the scale fits
-    the rounded one, and the mask's seed comes from torch's generator.
+    the rounded one, and the mask's seed comes from torch's generator. torch.compile draws its own way.
     """
     dropped = round(probability * _LEVELS)
     if not training or dropped == 0:
         return x
-    if x.device.type != "cpu":
+    if x.device.type != "cpu" or torch.compiler.is_compiling():
         return functional.dropout(x, probability, training=True)
     return x * _mask(x, dropped)
 
