@@ -6,8 +6,8 @@ with chunks of 25.
 
     python lerobot_act.py serve
         times steps and predictions, as the lines on its standard input ask
-    python lerobot_act.py learn FOLDER STEPS THREADS
-        trains on the batches in a folder, and goes on where it was stopped
+    python lerobot_act.py learn FOLDER NAME STEPS THREADS
+        trains on the batches in a folder, as FOLDER/NAME.json says, and goes on where it was stopped
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ STD = torch.tensor([0.229, 0.224, 0.225])[:, None, None]
 SAVE_EVERY, JUDGE_EVERY = 100, 250
 
 
-def build_policy() -> ACTPolicy:
+def build_policy(dropout: float = 0.1) -> ACTPolicy:
     """A policy with random weights, in training mode."""
     sizes = {"cameras": CAMERAS, "image_size": (SIZE, SIZE), "pose_size": POSE_SIZE}
-    return build({"config": {"chunk_size": CHUNK}, **sizes}, dropout=0.1)
+    return build({"config": {"chunk_size": CHUNK}, **sizes}, dropout=dropout)
 
 
 def make_optimizer(policy: ACTPolicy) -> torch.optim.Optimizer:
@@ -119,22 +119,28 @@ def held_out_l1(policy: ACTPolicy, path: Path) -> float:
     return total / terms
 
 
-def learn(folder: Path, steps: int, threads: int) -> None:
-    """Train for so many steps; the first weights are kept for the other side."""
+def learn(folder: Path, name: str, steps: int, threads: int) -> None:
+    """Train for so many steps; the first weights of all are kept for the other side.
+
+    ``NAME.json`` has the probability of dropout and the seed of every step's randomness.
+    """
     torch.set_num_threads(threads)
     torch.manual_seed(0)
-    policy = build_policy()
+    asked = json.loads((folder / f"{name}.json").read_text())
+    policy = build_policy(asked["dropout"])
     optimizer = make_optimizer(policy)
     initial, state, result = (
-        folder / f"lerobot_{name}" for name in ("initial.safetensors", "state.safetensors", "curve.json")
+        folder / file
+        for file in ("lerobot_initial.safetensors", f"{name}_state.safetensors", f"{name}_curve.json")
     )
     if not initial.exists():
         save_file(policy.state_dict(), initial)
+    policy.load_state_dict(load_file(initial))
     curve = json.loads(result.read_text())["curve"] if result.exists() else []
     done = resume(policy, optimizer, state)
     rest = islice(batches(folder / "train.safetensors", done, 8), steps - done)
     for step, batch in enumerate(rest, start=done + 1):
-        torch.manual_seed(step)
+        torch.manual_seed(asked["seeds"][step - 1])
         l1 = take_step(policy, optimizer, batch)
         if step % JUDGE_EVERY == 0:
             curve = [row for row in curve if row["step"] < step]
@@ -180,4 +186,4 @@ if __name__ == "__main__":
     if sys.argv[1] == "serve":
         serve()
     else:
-        learn(Path(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4]))
+        learn(Path(sys.argv[2]), sys.argv[3], int(sys.argv[4]), int(sys.argv[5]))

@@ -33,7 +33,7 @@ POOL = 4
 def predictions(config: RunConfig) -> Iterator[Metric]:
     """Median time of a prediction."""
     size = config.cameras.height, config.cameras.width
-    features = Features(("hand", "third"), size, POSE_SIZE, plugins().options("policy", config.policy).chunk)
+    features = Features(("hand", "third"), size, ("hand",), plugins().options("policy", config.policy).chunk)
     network = plugins().build("policy", config.policy, features).eval()
     torch.set_num_threads(1)
     for rows in ROWS:

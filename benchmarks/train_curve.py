@@ -4,9 +4,13 @@
         --json benchmarks/results/train_curve.json
 
 2,000 steps at a batch of 8: sizes, learning rate and loss are LeRobot's. Ours trains as `geoprior pretrain`
-does, in bfloat16. Judged by the error of the deployed policy (style zero, no
-dropout) on episodes that neither has seen. LeRobot takes most of an hour; both sides go on where they were
-stopped.
+does. Judged by the error of the deployed policy (style zero, no dropout) on episodes that neither has seen.
+
+Both draw dropout and styles at random, each in its own way, and so end apart by chance. ``--repeat`` trains
+LeRobot a second time with other draws, which says how far. ``--same-noise`` takes chance away: both train
+without dropout and with the same styles.
+
+LeRobot takes most of an hour for each 2,000 steps; all sides go on where they were stopped.
 """
 
 from __future__ import annotations
@@ -16,7 +20,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Generator, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +32,8 @@ from torch import Tensor, nn
 from geoprior.bench.metrics import Metric, as_lines, at_most, report
 from geoprior.bench.training import LARGE, make_training
 from geoprior.files import sha256_json, write_json
+from geoprior.geometry.seeding import integer_seed
+from geoprior.options import Choice
 from geoprior.policies.act.lerobot_names import POSITION_TABLE, from_lerobot
 from geoprior.policies.normalise import Normaliser, normalise_images
 from geoprior.policies.policy import Batch
@@ -44,7 +50,28 @@ STEPS, BATCH, CHUNK, SEED = 2_000, 8, 25, 20_000
 """Steps that are recorded, and that the goal speaks of."""
 JUDGE_EVERY = 250
 GOAL_PERCENT = 2.0
+PRECISIONS = ("bf16", "fp32")
 TRAIN, HELD_OUT = "train.safetensors", "held_out.safetensors"
+
+
+@dataclass(frozen=True)
+class Terms:
+    """On which both sides train.
+
+    Attributes:
+        suffix: Of the names of what is kept in the folder.
+        dropout: Its probability.
+        seeds: Of LeRobot's randomness, one for each step.
+    """
+
+    suffix: str
+    dropout: float
+    seeds: list[int]
+
+
+AS_THEY_COME = Terms("", 0.1, list(range(1, STEPS + 1)))
+REPEATED = Terms("-again", 0.1, list(range(100_001, 100_001 + STEPS)))
+SAME_NOISE = Terms("-same-noise", 0.0, [integer_seed(SEED, "step", step) for step in range(STEPS)])
 
 
 def prepare(work: Path) -> None:
@@ -118,12 +145,24 @@ class Deployed:
         return {"held_out_l1": total / terms}
 
 
-def learn(work: Path, steps: int, precision: str, threads: int) -> list[dict[str, Any]]:
+def learn_theirs(work: Path, python: str, terms: Terms, steps: int, threads: int) -> dict[str, Any]:
+    """Train LeRobot's; returns its versions and a row for every time it was judged."""
+    name = f"lerobot{terms.suffix}"
+    curve = work / f"{name}_curve.json"
+    write_json(work / f"{name}.json", {"dropout": terms.dropout, "seeds": terms.seeds})
+    if not curve.exists() or json.loads(curve.read_text())["curve"][-1]["step"] < steps:
+        subprocess.run([python, WORKER, "learn", work, name, str(steps), str(threads)], check=True)
+    found: dict[str, Any] = json.loads(curve.read_text())
+    return found
+
+
+def learn_ours(work: Path, terms: Terms, steps: int, precision: str, threads: int) -> list[dict[str, Any]]:
     """Train ours; returns a row for every time it was judged."""
-    folder = work / f"ours-{precision}"
+    folder = work / f"ours-{precision}{terms.suffix}"
+    choice = Choice(name=LARGE.name, options={**LARGE.options, "dropout": terms.dropout})
     plain = make_training(
         ShardSource(EpisodeStore(work / "data" / "shards" / "synthetic")),
-        LARGE,
+        choice,
         BATCH,
         precision,
         threads,
@@ -143,7 +182,7 @@ def learn(work: Path, steps: int, precision: str, threads: int) -> list[dict[str
         batches=Recorded(work / TRAIN, BATCH),
         episodes=JUDGE_EVERY * BATCH,
         seed=SEED,
-        fingerprint=sha256_json([{**LARGE.options, "chunk": CHUNK}, SEED, precision]),
+        fingerprint=sha256_json([choice.options, CHUNK, SEED, precision]),
         held_out=Deployed(work / HELD_OUT),
     )
     fit(training)
@@ -151,16 +190,26 @@ def learn(work: Path, steps: int, precision: str, threads: int) -> list[dict[str
     return [line for line in lines if "held_out_l1" in line]
 
 
-def compare(lerobot: list[dict[str, Any]], ours: dict[str, list[dict[str, Any]]], step: int) -> list[Metric]:
-    """What both reached after so many steps; the goal is of `STEPS`."""
-    (reference,) = (row["held_out_l1"] for row in lerobot if row["step"] == step)
-    metrics = [Metric(f"LeRobot: held-out L1 after {step} steps", reference, "")]
-    for precision, curve in ours.items():
-        (reached,) = (row["held_out_l1"] for row in curve if row["step"] == step)
-        gap = 100.0 * abs(reached / reference - 1.0)
-        name = f"{precision}: distance from LeRobot's after {step} steps"
-        metrics.append(Metric(f"{precision}: held-out L1 after {step} steps", reached, ""))
-        metrics.append(at_most(name, gap, "%", GOAL_PERCENT) if step == STEPS else Metric(name, gap, "%"))
+def compare(curves: dict[str, list[dict[str, Any]]], step: int) -> list[Metric]:
+    """What all reached after so many steps, and how far from LeRobot's, which comes first.
+
+    The goal is ours and of `STEPS`.
+    """
+    reached = {
+        name: next(row["held_out_l1"] for row in curve if row["step"] == step)
+        for name, curve in curves.items()
+    }
+    reference = reached["LeRobot"]
+    metrics = [
+        Metric(f"{name}: held-out L1 after {step} steps", value, "") for name, value in reached.items()
+    ]
+    for name, value in reached.items():
+        gap = 100.0 * abs(value / reference - 1.0)
+        metric = f"{name}: distance from LeRobot's after {step} steps"
+        if name in PRECISIONS and step == STEPS:
+            metrics.append(at_most(metric, gap, "%", GOAL_PERCENT))
+        elif name != "LeRobot":
+            metrics.append(Metric(metric, gap, "%"))
     return metrics
 
 
@@ -176,24 +225,29 @@ def main() -> None:
     parser.add_argument("--json", type=Path, help="where the result goes, besides the terminal")
     parser.add_argument("--steps", type=int, default=STEPS, help=f"a multiple of {JUDGE_EVERY}")
     parser.add_argument("--threads", type=int, default=0, help="of either side; 0 takes all cores")
-    parser.add_argument("--precision", nargs="+", default=["bf16"], choices=["bf16", "fp32"], help="of ours")
+    parser.add_argument("--precision", nargs="*", default=["bf16"], choices=PRECISIONS, help="of ours")
+    parser.add_argument("--same-noise", action="store_true", help="without dropout, styles drawn alike")
+    parser.add_argument("--repeat", action="store_true", help="train LeRobot once more, with other draws")
     options = parser.parse_args()
     work, steps = options.work, options.steps
     work.mkdir(parents=True, exist_ok=True)
     prepare(work)
     threads = options.threads or torch.get_num_threads()
-    curve = work / "lerobot_curve.json"
-    if not curve.exists() or json.loads(curve.read_text())["curve"][-1]["step"] < steps:
-        subprocess.run([options.lerobot, WORKER, "learn", work, str(steps), str(threads)], check=True)
-    lerobot = json.loads(curve.read_text())
-    ours = {precision: learn(work, steps, precision, threads) for precision in options.precision}
-    arguments = f"--steps {steps} --threads {threads} --precision {' '.join(options.precision)}"
+    terms = SAME_NOISE if options.same_noise else AS_THEY_COME
+    lerobot = learn_theirs(work, options.lerobot, terms, steps, threads)
+    curves = {"LeRobot": lerobot["curve"]}
+    if options.repeat:
+        curves["LeRobot again"] = learn_theirs(work, options.lerobot, REPEATED, steps, threads)["curve"]
+    for precision in options.precision:
+        curves[precision] = learn_ours(work, terms, steps, precision, threads)
+    flags = [flag for flag, on in (("--same-noise", options.same_noise), ("--repeat", options.repeat)) if on]
+    arguments = [f"--steps {steps} --threads {threads} --precision {' '.join(options.precision)}", *flags]
     content = report(
         "train_curve",
-        f"python benchmarks/train_curve.py --lerobot PYTHON --work FOLDER {arguments}",
-        compare(lerobot["curve"], ours, steps),
+        f"python benchmarks/train_curve.py --lerobot PYTHON --work FOLDER {' '.join(arguments)}",
+        compare(curves, steps),
     )
-    content["curves"] = {"lerobot": lerobot["curve"], **ours}
+    content["curves"] = curves
     content["versions"] |= {
         "lerobot": lerobot["versions"]["lerobot"],
         "lerobot's torch": lerobot["versions"]["torch"],

@@ -19,7 +19,7 @@ from geoprior.training.stages import build_policy
 if TYPE_CHECKING:
     from geoprior.options import Choice
 
-FEATURES = Features(("hand", "third"), (SIZE, SIZE), 8, 25)
+FEATURES = Features(("hand", "third"), (SIZE, SIZE), ("hand",), 25)
 ROWS = (1, 4, 16)
 
 

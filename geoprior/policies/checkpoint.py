@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from geoprior.policies.policy import Policy
 
 FORMAT = "geoprior-checkpoint"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 Part = Literal["all", "trunk"]
 _NAME = re.compile(r"epoch-(\d{6,})\.safetensors")
 _NORMALISATION = {"std_floor": STD_FLOOR, "image_mean": list(IMAGE_MEAN), "image_std": list(IMAGE_STD)}
@@ -165,7 +165,7 @@ def _parse(tree: Mapping[str, Any]) -> CheckpointHeader:
         features=Features(
             cameras=tuple(features["cameras"]),
             image_size=(int(features["image_size"][0]), int(features["image_size"][1])),
-            pose_size=int(features["pose_size"]),
+            hands=tuple(features["hands"]),
             chunk=int(features["chunk"]),
         ),
         fps=float(tree["fps"]),
@@ -188,19 +188,20 @@ def load_weights(policy: nn.Module, path: Path, which: Part = "all") -> tuple[st
         Names of the tensors taken.
 
     Raises:
-        DataError: A camera is named otherwise, or a tensor is missing, extra or of another shape.
+        DataError: A camera or a hand is named otherwise, or a tensor is missing, extra or of another shape.
     """
     header, tensors = load_checkpoint(path)
     ours = cast("Policy", policy)
     if which == "trunk":
         taken = {name: tensor for name, tensor in tensors.items() if name.startswith(ours.trunk_prefixes)}
         return fill(policy, taken, path, ours.trunk_prefixes)
-    if header.features.cameras != ours.features.cameras:
-        raise DataError(
-            f"{path}: trained on the cameras {', '.join(header.features.cameras)}, this data has "
-            f"{', '.join(ours.features.cameras)}",
-            "rename the cameras of the data, or take the trunk's weights only",
-        )
+    for what in ("cameras", "hands"):
+        theirs, these = getattr(header.features, what), getattr(ours.features, what)
+        if theirs != these:
+            raise DataError(
+                f"{path}: trained on the {what} {', '.join(theirs)}, this data has {', '.join(these)}",
+                f"rename the {what} of the data, or take the trunk's weights only",
+            )
     return fill(policy, tensors, path)
 
 

@@ -42,7 +42,7 @@ POSE, ACTION = "pose", "action"
 METADATA_KEY = "geoprior"
 """Of the ONNX file's properties: a JSON object, see `describe`."""
 FORMAT = "geoprior-onnx"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 TOLERANCE = 1e-5
 """By which an action may differ from the predictor's, in units of the raw action."""
 _OPSET = 18
@@ -117,7 +117,7 @@ def describe(header: CheckpointHeader) -> dict[str, Any]:
         "step": header.step,
         "fps": header.fps,
         "chunk": features.chunk,
-        "hands": features.pose_size // POSE_SIZE,
+        "hands": list(features.hands),
         "pose_fields": list(POSE_FIELDS),
         "units": {"position": "m", "quaternion": "x, y, z, w of unit length", "gripper": "0 open, 1 closed"},
         "cameras": list(features.cameras),

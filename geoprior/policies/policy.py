@@ -34,14 +34,21 @@ class Features:
     Attributes:
         cameras: Names in alphabetical order: the order never depends on a config's.
         image_size: (height, width) of every camera, in pixels.
-        pose_size: Length of the pose and of one action, 8 for each hand.
+        hands: Names, in the order of their parts of a pose.
         chunk: Actions that one prediction holds.
     """
 
     cameras: tuple[str, ...]
     image_size: tuple[int, int]
-    pose_size: int
+    hands: tuple[str, ...]
     chunk: int
+
+    @property
+    def pose_size(self) -> int:
+        """Numbers of a pose and of one action."""
+        from geoprior.shards.episode import POSE_SIZE  # this module is light: config models derive from it
+
+        return POSE_SIZE * len(self.hands)
 
 
 class Observation(TypedDict):

@@ -18,7 +18,6 @@ from geoprior.geometry.camera import CamerasConfig
 from geoprior.options import Choice
 from geoprior.policies.checkpoint import list_checkpoints, load_half_predictor, load_predictor
 from geoprior.progress import track
-from geoprior.shards.episode import POSE_SIZE
 from geoprior.sim.config import SIMULATION_RATE, EvaluateConfig
 from geoprior.sim.records import TrialRecord, append_record, read_records, write_records
 from geoprior.sim.workers import Setup, environments
@@ -275,12 +274,12 @@ def _control_rate(checkpoint: CheckpointRef, predictor: Predictor) -> int:
 
 
 def _require_same_body(checkpoint: CheckpointRef, predictor: Predictor, env: Environment) -> None:
-    """The policy must move as many hands as there are, and look through cameras that are there."""
-    hands, seen = predictor.features.pose_size // POSE_SIZE, {camera.name for camera in env.camera_headers()}
-    if hands != len(env.hands):
+    """The policy must move the hands that there are, and look through cameras that are there."""
+    hands, seen = predictor.features.hands, {camera.name for camera in env.camera_headers()}
+    if hands != env.hands:
         raise DataError(
-            f"{checkpoint.path}: the policy moves {hands} hands and task {env.task.name!r} has "
-            f"{len(env.hands)}: {', '.join(env.hands)}"
+            f"{checkpoint.path}: the policy moves {', '.join(hands)} and task {env.task.name!r} has "
+            f"{', '.join(env.hands)}, in this order"
         )
     if not seen.issuperset(predictor.features.cameras):
         raise DataError(

@@ -9,7 +9,7 @@ import numpy as np
 from geoprior.files import sha256_json
 from geoprior.progress import track
 from geoprior.render.packing import unpack_frames
-from geoprior.shards.synthesis import recipe
+from geoprior.shards.synthesis import hands_of, recipe
 from geoprior.sources._stager import Stager, StagerConfig
 from geoprior.sources._turnover import Turnover
 from geoprior.sources._workers import Worker, WorkerHere, WorkerProcess
@@ -45,6 +45,7 @@ class EndlessSource:
         generate = context.generate
         self._motions = len(generate.motions)
         self._turnover = Turnover((config.episodes or generate.episodes) * self._motions, config.keep)
+        self.hands = hands_of(generate.motions[0])
         self.image_size = context.cameras.height, context.cameras.width
         self.fps = generate.fps
         self.digest = _digest(context, self._turnover)

@@ -36,7 +36,7 @@ class ShardSource:
     """
 
     def __init__(self, store: EpisodeStore, cache_bytes: int = 0) -> None:
-        self.cameras, self.image_size = store.cameras, store.image_size
+        self.cameras, self.hands, self.image_size = store.cameras, store.hands, store.image_size
         self.fps, self.digest = store.fps, store.digest
         episodes = range(len(store))
         self.poses = tuple(store.pose(i) for i in episodes)

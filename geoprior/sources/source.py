@@ -65,6 +65,11 @@ class Source(Protocol):
         ...
 
     @property
+    def hands(self) -> tuple[str, ...]:
+        """Names, in the order of their parts of a pose."""
+        ...
+
+    @property
     def image_size(self) -> tuple[int, int]:
         """(height, width) of every camera, in pixels."""
         ...

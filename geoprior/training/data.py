@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 def features_of(source: Source, chunk: int) -> Features:
     """What a policy of that chunk sees and says here."""
-    return Features(source.cameras, source.image_size, source.poses[0].shape[1], chunk)
+    return Features(source.cameras, source.image_size, source.hands, chunk)
 
 
 def statistics_of(source: Source, slots: Sequence[int] | None = None) -> dict[str, FeatureStatistics]:

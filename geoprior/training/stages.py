@@ -152,7 +152,7 @@ def train(config: TrainConfig, job: Job, choice: Choice, source: Source, machine
     slots, aside = split_slots(len(source), config.held_out, job.seed)
     statistics = _statistics(job, source, slots)
     policy = build_policy(choice, features, job.seed)
-    transfer = _transfer(job, policy, choice.name, features, fps)
+    transfer = _transfer(job, policy, choice.name, fps)
     common = config.model_dump(mode="json", include=set(TrainConfig.model_fields) - _SPEED_ONLY)
     details = {
         "run": job.run,
@@ -226,11 +226,18 @@ def _statistics(job: Job, source: Source, slots: Sequence[int]) -> Statistics:
     kind = job.condition.statistics
     if job.prior is None or kind == "new":
         return statistics_of(source, slots)
-    pretrained = Normaliser(read_header(job.prior).statistics).statistics
+    prior = read_header(job.prior)
+    if prior.features.hands != source.hands:
+        raise DataError(
+            f"{job.prior}: its statistics are of the hands {', '.join(prior.features.hands)}, this data has "
+            f"{', '.join(source.hands)}",
+            "set the condition's statistics to new",
+        )
+    pretrained = Normaliser(prior.statistics).statistics
     return pretrained if kind == "pretrained" else merge(pretrained, statistics_of(source, slots))
 
 
-def _transfer(job: Job, policy: nn.Module, name: str, features: Features, fps: float) -> dict[str, Any]:
+def _transfer(job: Job, policy: nn.Module, name: str, fps: float) -> dict[str, Any]:
     """Put the prior's weights into the policy; returns what was done, for the checkpoint's JSON."""
     taken: dict[str, Any] = job.condition.model_dump(mode="json")
     if job.condition.init == "imagenet":
@@ -242,12 +249,6 @@ def _transfer(job: Job, policy: nn.Module, name: str, features: Features, fps: f
         raise DataError(
             f"{job.prior}: the prior acts {header.fps:g} times a second, this training {fps:g} times",
             "a chunk would span another time; set finetune.skip or pretrain.skip so that the rates agree",
-        )
-    if header.features.pose_size != features.pose_size:
-        raise DataError(
-            f"{job.prior}: the prior's pose has {header.features.pose_size} numbers, this data's "
-            f"{features.pose_size}",
-            "use data with as many hands",
         )
     names = load_weights(policy, job.prior, job.condition.weights)
     taken["tensors"] = len(names)

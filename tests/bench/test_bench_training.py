@@ -30,7 +30,7 @@ def small(monkeypatch):
         monkeypatch.setattr(module, "LARGE", TINY)
     monkeypatch.setattr(training, "SIZE", 32)
     monkeypatch.setattr(training, "RATE_GOAL", 0.001)
-    monkeypatch.setattr(inference, "FEATURES", Features(("hand", "third"), (32, 32), 8, 25))
+    monkeypatch.setattr(inference, "FEATURES", Features(("hand", "third"), (32, 32), ("hand",), 25))
 
 
 def test_training_is_told_with_its_floor():

@@ -7,7 +7,7 @@ from geoprior.policies.act._network import ActNetwork
 from geoprior.policies.act.plugin import ActConfig
 from geoprior.policies.policy import Features
 
-FEATURES = Features(cameras=("hand", "third"), image_size=(40, 64), pose_size=8, chunk=5)
+FEATURES = Features(cameras=("hand", "third"), image_size=(40, 64), hands=("hand",), chunk=5)
 SIZES = {
     "dim": 16,
     "heads": 2,

@@ -18,7 +18,7 @@ def seeded_loss(act, batch):
 
 
 def test_shapes_follow_the_features(make_act, make_batch):
-    features = Features(cameras=("a", "b", "c"), image_size=(33, 70), pose_size=16, chunk=9)
+    features = Features(cameras=("a", "b", "c"), image_size=(33, 70), hands=("left", "right"), chunk=9)
     act = make_act(features=features).eval()
     batch = make_batch(2, features=features)
     assert act.predict(batch).shape == (2, 9, 16)
@@ -122,7 +122,7 @@ def test_the_trunk_prefix_covers_the_trunk_and_nothing_else(make_act):
 
 
 def test_it_is_registered_and_checks_its_options():
-    features = Features(("hand",), (32, 32), 8, 6)
+    features = Features(("hand",), (32, 32), ("hand",), 6)
     options = {"chunk": 6, "dim": 8, "heads": 2, "ffn": 8, "trunk_width": 8}
     act = plugins().build("policy", Choice(name="act", options=options), features)
     assert act.features is features

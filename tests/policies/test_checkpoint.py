@@ -1,6 +1,7 @@
 """Checkpoints come back as they were, or are refused by name."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ from geoprior.policies.normalise import measure
 from geoprior.policies.policy import Features
 from geoprior.policies.tensors import save_tensors
 
-FEATURES = Features(cameras=("hand", "third"), image_size=(40, 64), pose_size=8, chunk=5)
+FEATURES = Features(cameras=("hand", "third"), image_size=(40, 64), hands=("hand",), chunk=5)
 OPTIONS = {
     "chunk": 5,
     "dim": 16,
@@ -107,7 +108,7 @@ def test_all_weights_or_the_trunk(saved, make_act):
 
 def test_the_trunk_fits_a_policy_of_other_sizes_and_cameras(saved, make_act):
     path, _ = saved
-    other = Features(cameras=("wrist",), image_size=(96, 96), pose_size=16, chunk=2)
+    other = Features(cameras=("wrist",), image_size=(96, 96), hands=("left", "right"), chunk=2)
     assert len(load_weights(make_act(features=other, dim=8), path, "trunk")) == 6 * 20
 
 
@@ -173,11 +174,11 @@ def test_weights_that_are_not_safetensors(saved):
 
 def test_other_versions(saved):
     path, _ = saved
-    edit_json(path, format_version=2, geoprior="9.9")
-    with pytest.raises(DataError, match=r"checkpoint format 2, this geoprior reads 1") as caught:
+    edit_json(path, format_version=9, geoprior="9.9")
+    with pytest.raises(DataError, match=r"checkpoint format 9, this geoprior reads 2") as caught:
         load_checkpoint(path)
     assert "9.9" in caught.value.hint
-    edit_json(path, format_version=1, normalisation={"std_floor": 0.0})
+    edit_json(path, format_version=2, normalisation={"std_floor": 0.0})
     with pytest.raises(DataError, match="key 'normalisation'"):
         load_checkpoint(path)
 
@@ -220,9 +221,22 @@ def test_a_refused_checkpoint_changes_nothing(saved, make_act):
 
 def test_a_renamed_camera(saved, make_act):
     path, _ = saved
-    other = Features(cameras=("hand", "top"), image_size=(40, 64), pose_size=8, chunk=5)
+    other = Features(cameras=("hand", "top"), image_size=(40, 64), hands=("hand",), chunk=5)
     with pytest.raises(DataError, match="trained on the cameras hand, third, this data has hand, top"):
         load_weights(make_act(features=other), path)
+
+
+def test_hands_in_another_order(saved, make_act):
+    path, _ = saved
+    trained = replace(FEATURES, hands=("left", "right"))
+    header = replace(load_checkpoint(path)[0], features=trained)
+    policy = make_act(features=trained)
+    save_checkpoint(path, policy.state_dict(), header)
+    load_weights(make_act(features=trained), path)
+    swapped = make_act(features=replace(FEATURES, hands=("right", "left")))
+    with pytest.raises(DataError, match="trained on the hands left, right, this data has right, left"):
+        load_weights(swapped, path)
+    load_weights(swapped, path, "trunk")
 
 
 def test_missing_statistics(saved):

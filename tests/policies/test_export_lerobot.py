@@ -23,7 +23,7 @@ from geoprior.policies.normalise import measure
 from geoprior.policies.policy import Features
 from geoprior.policies.predictor import to_commands
 
-FEATURES = Features(cameras=("hand", "third"), image_size=(40, 64), pose_size=8, chunk=5)
+FEATURES = Features(cameras=("hand", "third"), image_size=(40, 64), hands=("hand",), chunk=5)
 SIZES = {"chunk": 5, "dim": 16, "heads": 2, "ffn": 24, "encoder_layers": 2, "vae_layers": 1, "latent": 4}
 BEFORE, AFTER = (
     f"policy_{name}.safetensors"

@@ -28,8 +28,8 @@ from geoprior.policies.normalise import measure
 from geoprior.policies.policy import Features, PolicyOptions
 from geoprior.policies.predictor import LoadedPredictor, to_commands
 
-FEATURES = Features(cameras=("hand", "third"), image_size=(40, 64), pose_size=8, chunk=5)
-NESTED = Features(cameras=("add", "pose-2", "view"), image_size=(6, 7), pose_size=16, chunk=2)
+FEATURES = Features(cameras=("hand", "third"), image_size=(40, 64), hands=("hand",), chunk=5)
+NESTED = Features(cameras=("add", "pose-2", "view"), image_size=(6, 7), hands=("left", "right"), chunk=2)
 """Two hands, and cameras that are named as tensors inside a graph are."""
 SIZES = {"dim": 16, "heads": 2, "ffn": 24, "encoder_layers": 1, "vae_layers": 1, "latent": 4}
 
@@ -182,7 +182,12 @@ def test_the_file_describes_itself_and_tells_nothing_of_this_machine(exported):
     model = onnx.load(exported[1].path)
     assert str(Path(__file__).parent).encode() not in exported[1].path.read_bytes()
     about = json.loads({p.key: p.value for p in model.metadata_props}[METADATA_KEY])
-    assert (about["format_version"], about["fps"], about["chunk"], about["hands"]) == (1, 10.0, 2, 2)
+    assert (about["format_version"], about["fps"], about["chunk"], about["hands"]) == (
+        2,
+        10.0,
+        2,
+        ["left", "right"],
+    )
     assert about["cameras"] == ["add", "pose-2", "view"]
     assert about["pose_fields"] == ["x", "y", "z", "qx", "qy", "qz", "qw", "gripper"]
     assert about["frames"] == {"height": 6, "width": 7, "channels": 3, "order": "RGB", "type": "uint8"}
@@ -271,7 +276,7 @@ def test_a_missing_package_comes_with_its_remedy(tmp_path, monkeypatch, package)
 
 @pytest.mark.parametrize("camera", ["pose", "action"])
 def test_a_camera_that_takes_another_tensors_name_is_named(tmp_path, camera):
-    features = Features(cameras=(camera, "third"), image_size=(6, 7), pose_size=8, chunk=2)
+    features = Features(cameras=(camera, "third"), image_size=(6, 7), hands=("hand",), chunk=2)
     with pytest.raises(DataError, match=f"a camera is named '{camera}'"):
         export_onnx(write_odd(tmp_path, features), tmp_path / "odd.onnx")
 

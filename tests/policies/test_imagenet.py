@@ -15,7 +15,7 @@ from geoprior.policies.policy import Features
 from geoprior.policies.trunk import ResNet18
 from geoprior.training.config import ConditionConfig
 
-FEATURES = Features(("hand", "third"), (32, 32), 8, 4)
+FEATURES = Features(("hand", "third"), (32, 32), ("hand",), 4)
 SMALL = {"dim": 16, "heads": 2, "ffn": 16, "encoder_layers": 1, "vae_layers": 1, "latent": 4, "chunk": 4}
 
 

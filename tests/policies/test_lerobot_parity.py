@@ -77,7 +77,8 @@ def case(request):
     options = {ours: tree["config"][theirs] for ours, theirs in OPTIONS.items() if theirs in tree["config"]}
     lerobots = {"dim": 512, "ffn": 3200, "chunk": 100}  # where its defaults are not ours
     config = ActConfig(padding="all", trunk_norm="frozen", **(lerobots | options))
-    features = Features(tuple(tree["cameras"]), tuple(tree["image_size"]), tree["pose_size"], config.chunk)
+    hands = tuple(f"hand-{number}" for number in range(tree["pose_size"] // 8))
+    features = Features(tuple(tree["cameras"]), tuple(tree["image_size"]), hands, config.chunk)
     with safe_open(GOLDEN, "pt") as file:
         keys = [key for key in file.keys() if key.startswith(f"{request.param}/")]  # noqa: SIM118
         golden = {key.partition("/")[2]: file.get_tensor(key) for key in keys}

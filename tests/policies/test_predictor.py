@@ -9,7 +9,7 @@ from geoprior.policies.normalise import Normaliser, measure, normalise_images
 from geoprior.policies.policy import Features
 from geoprior.policies.predictor import LoadedPredictor, to_commands
 
-FEATURES = Features(cameras=("hand", "third"), image_size=(40, 64), pose_size=8, chunk=5)
+FEATURES = Features(cameras=("hand", "third"), image_size=(40, 64), hands=("hand",), chunk=5)
 ROWS = np.random.default_rng(0).normal(size=(30, 8)).astype(np.float32)
 
 

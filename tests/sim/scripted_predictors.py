@@ -25,7 +25,7 @@ CAMERAS = CamerasConfig(height=SIZE, width=SIZE)
 class HoldStill:
     """Says the present pose, a chunk of it."""
 
-    features = Features(cameras=("hand", "third"), image_size=(SIZE, SIZE), pose_size=8, chunk=4)
+    features = Features(cameras=("hand", "third"), image_size=(SIZE, SIZE), hands=("hand",), chunk=4)
     fps = 10.0
 
     def predict(self, pose: np.ndarray, images: Mapping[str, np.ndarray]) -> np.ndarray:

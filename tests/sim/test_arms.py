@@ -130,10 +130,12 @@ def test_a_policy_of_another_body_is_refused_by_name(world):
     class Told:
         features: Features
 
-    fitting = Features(tuple(sorted([*ARMS, "third"])), (64, 64), 24, 5)
+    fitting = Features(tuple(sorted([*ARMS, "third"])), (64, 64), tuple(ARMS), 5)
     _require_same_body(checkpoint, Told(fitting), world)
-    with pytest.raises(DataError, match=r"epoch\.safetensors: .* moves 1 hands .* has 3: near, middle"):
-        _require_same_body(checkpoint, Told(replace(fitting, pose_size=8)), world)
+    with pytest.raises(
+        DataError, match=r"epoch\.safetensors: .* moves far, middle, near and .* near, middle, far"
+    ):
+        _require_same_body(checkpoint, Told(replace(fitting, hands=fitting.hands[::-1])), world)
     with pytest.raises(DataError, match=r"looks through hand, third and task 'pick' has far, middle, near"):
         _require_same_body(checkpoint, Told(replace(fitting, cameras=("hand", "third"))), world)
 

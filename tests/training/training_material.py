@@ -89,6 +89,7 @@ class FakeStore:
     def __init__(self, episodes):
         self.episodes = episodes
         self.cameras = tuple(camera.name for camera in episodes[0].header.cameras)
+        self.hands = tuple(episodes[0].header.hands)
         self.fps = episodes[0].header.fps
 
     def __len__(self):

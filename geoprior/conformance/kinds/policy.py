@@ -21,10 +21,10 @@ TRAINING_STEPS = 12
 def _features(spec: PolicySpec) -> Iterator[tuple[str, Features]]:
     """What a policy may have to see and say: one hand and its camera, or two."""
     chunk = getattr(spec.config(), "chunk", 25)
-    for cameras, hands in ((("hand", "third"), 1), (("left", "right", "third"), 2)):
+    for cameras, hands in ((("hand", "third"), ("hand",)), (("left", "right", "third"), ("left", "right"))):
         yield (
-            f"policy {spec.name!r}, {len(cameras)} cameras, {hands} hands",
-            Features(cameras, SIZE, 8 * hands, chunk),
+            f"policy {spec.name!r}, {len(cameras)} cameras, {len(hands)} hands",
+            Features(cameras, SIZE, hands, chunk),
         )
 
 

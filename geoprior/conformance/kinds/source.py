@@ -41,7 +41,7 @@ def _opened(spec: SourceSpec, cache_bytes: int = 0) -> Iterator[Source]:
 
 
 def says_what_it_holds(spec: SourceSpec) -> None:
-    """Cameras, size, rate and digest are of the kinds that training expects."""
+    """Cameras, hands, size, rate and digest are of the kinds that training expects."""
     with _opened(spec) as source:
         where = f"source {spec.name!r}"
         require(len(source) >= 1, f"{where}: has no episodes", "`len(source)` counts the slots of an epoch")
@@ -50,6 +50,12 @@ def says_what_it_holds(spec: SourceSpec) -> None:
             isinstance(cameras, tuple) and list(cameras) == sorted(set(cameras)) and cameras,
             f"{where}: cameras are {cameras!r}",
             "give a tuple of names in alphabetical order",
+        )
+        hands = source.hands
+        require(
+            isinstance(hands, tuple) and len(set(hands)) == len(hands) > 0,
+            f"{where}: hands are {hands!r}",
+            "give a tuple of names, in the order of their parts of a pose",
         )
         height, width = source.image_size
         require(height >= 1 and width >= 1, f"{where}: image_size is {(height, width)}")
@@ -68,8 +74,7 @@ def poses_are_pose_vectors(spec: SourceSpec) -> None:
             require(
                 len(series) == len(source), f"source {spec.name!r}: {len(series)} {name}, {len(source)} slots"
             )
-        size = source.poses[0].shape[-1]
-        require(size % 8 == 0, f"source {spec.name!r}: a pose has {size} numbers, not 8 for each hand")
+        size = POSE_SIZE * len(source.hands)
         for slot, (poses, actions) in enumerate(zip(source.poses, source.actions, strict=True)):
             where = f"source {spec.name!r}, slot {slot}"
             require_array(poses, f"{where}: poses", (None, size), np.float32)

@@ -22,7 +22,7 @@ from geoprior.shards.generate import generate
 from geoprior.training.config import PretrainConfig
 from geoprior.training.stages import pretrain
 
-FEATURES = Features(cameras=("hand", "third"), image_size=(40, 64), pose_size=8, chunk=5)
+FEATURES = Features(cameras=("hand", "third"), image_size=(40, 64), hands=("hand",), chunk=5)
 SIZES = {"widths": (8, 16), "keypoints": 4, "level_features": 8, "trunk_width": 8, "train_steps": 20}
 PREDICTIONS = ("epsilon", "sample", "v_prediction")
 
@@ -67,7 +67,7 @@ def test_registering_it_imports_nothing_heavy():
 
 @pytest.mark.parametrize(("chunk", "widths"), [(1, (8,)), (1, (8, 8, 16)), (9, (8, 16)), (25, (8, 8, 8, 8))])
 def test_a_chunk_of_any_length_goes_through_any_strides(chunk, widths):
-    features = Features(cameras=("a", "b", "c"), image_size=(33, 70), pose_size=16, chunk=chunk)
+    features = Features(cameras=("a", "b", "c"), image_size=(33, 70), hands=("left", "right"), chunk=chunk)
     policy, batch = make_policy(features=features, widths=widths), make_batch(2, features)
     assert policy.predict(batch).shape == (2, chunk, 16)
     loss, scalars = policy.loss(batch)
@@ -203,7 +203,7 @@ def test_the_trunk_is_that_of_act():
 
 def test_it_learns_a_batch_by_heart():
     """Frames that say which of two ways to go: the sampled actions follow the frames."""
-    features = Features(cameras=("third",), image_size=(32, 32), pose_size=8, chunk=4)
+    features = Features(cameras=("third",), image_size=(32, 32), hands=("hand",), chunk=4)
     policy = make_policy(features=features, widths=(16, 32), average=0.5).train()
     images = torch.zeros(2, 1, 3, 32, 32)
     images[0, ..., :16], images[1, ..., 16:] = 2.0, 2.0

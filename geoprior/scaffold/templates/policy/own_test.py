@@ -9,7 +9,7 @@ from geoprior.scaffold.templates.policy import MyPluginConfig, build
 
 
 def test_actions_that_are_padding_do_not_count() -> None:
-    features = Features(("hand", "third"), (32, 32), 8, 5)
+    features = Features(("hand", "third"), (32, 32), ("hand",), 5)
     policy = build(MyPluginConfig(chunk=5), features)
     pose, images = torch.zeros(2, 8), torch.zeros(2, 2, 3, 32, 32)
     action, valid = torch.zeros(2, 5, 8), torch.ones(2, 5, dtype=torch.bool)

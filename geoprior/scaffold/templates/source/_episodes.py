@@ -27,8 +27,8 @@ class SomeEpisodes:
     def __init__(self, every: int, context: SourceContext) -> None:
         self._all = ShardSource(EpisodeStore(context.folder), context.cache_bytes)
         self._chosen = np.arange(0, len(self._all), every)
-        self.cameras, self.image_size = self._all.cameras, self._all.image_size
-        self.fps = self._all.fps
+        self.cameras, self.hands = self._all.cameras, self._all.hands
+        self.image_size, self.fps = self._all.image_size, self._all.fps
         self.digest = sha256_json({"episodes": self._all.digest, "every": every})
         self.poses = tuple(self._all.poses[number] for number in self._chosen)
         self.actions = tuple(self._all.actions[number] for number in self._chosen)
