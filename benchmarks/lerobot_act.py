@@ -8,6 +8,8 @@ with chunks of 25.
         times steps and predictions, as the lines on its standard input ask
     python lerobot_act.py learn FOLDER NAME STEPS THREADS
         trains on the batches in a folder, as FOLDER/NAME.json says, and goes on where it was stopped
+    python lerobot_act.py first FOLDER NAME STEPS THREADS
+        takes the first steps of the same, and prints the L1 loss of each as a list in JSON
 """
 
 from __future__ import annotations
@@ -119,8 +121,8 @@ def held_out_l1(policy: ACTPolicy, path: Path) -> float:
     return total / terms
 
 
-def learn(folder: Path, name: str, steps: int, threads: int) -> None:
-    """Train for so many steps; the first weights of all are kept for the other side.
+def begin(folder: Path, name: str, threads: int) -> tuple[ACTPolicy, list[int]]:
+    """The policy with the first weights of all, kept for the other side, and the seeds of the steps.
 
     ``NAME.json`` has the probability of dropout and the seed of every step's randomness.
     """
@@ -128,19 +130,34 @@ def learn(folder: Path, name: str, steps: int, threads: int) -> None:
     torch.manual_seed(0)
     asked = json.loads((folder / f"{name}.json").read_text())
     policy = build_policy(asked["dropout"])
-    optimizer = make_optimizer(policy)
-    initial, state, result = (
-        folder / file
-        for file in ("lerobot_initial.safetensors", f"{name}_state.safetensors", f"{name}_curve.json")
-    )
+    initial = folder / "lerobot_initial.safetensors"
     if not initial.exists():
         save_file(policy.state_dict(), initial)
     policy.load_state_dict(load_file(initial))
+    return policy, asked["seeds"]
+
+
+def first(folder: Path, name: str, steps: int, threads: int) -> None:
+    """Print the L1 losses of the first steps."""
+    policy, seeds = begin(folder, name, threads)
+    optimizer = make_optimizer(policy)
+    losses = []
+    for seed, batch in zip(seeds[:steps], batches(folder / "train.safetensors", 0, 8), strict=False):
+        torch.manual_seed(seed)
+        losses.append(take_step(policy, optimizer, batch))
+    print(json.dumps(losses))
+
+
+def learn(folder: Path, name: str, steps: int, threads: int) -> None:
+    """Train for so many steps."""
+    policy, seeds = begin(folder, name, threads)
+    optimizer = make_optimizer(policy)
+    state, result = folder / f"{name}_state.safetensors", folder / f"{name}_curve.json"
     curve = json.loads(result.read_text())["curve"] if result.exists() else []
     done = resume(policy, optimizer, state)
     rest = islice(batches(folder / "train.safetensors", done, 8), steps - done)
     for step, batch in enumerate(rest, start=done + 1):
-        torch.manual_seed(asked["seeds"][step - 1])
+        torch.manual_seed(seeds[step - 1])
         l1 = take_step(policy, optimizer, batch)
         if step % JUDGE_EVERY == 0:
             curve = [row for row in curve if row["step"] < step]
@@ -186,4 +203,5 @@ if __name__ == "__main__":
     if sys.argv[1] == "serve":
         serve()
     else:
-        learn(Path(sys.argv[2]), sys.argv[3], int(sys.argv[4]), int(sys.argv[5]))
+        work = {"learn": learn, "first": first}[sys.argv[1]]
+        work(Path(sys.argv[2]), sys.argv[3], int(sys.argv[4]), int(sys.argv[5]))

@@ -22,6 +22,7 @@ import sys
 from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from statistics import fmean
 from typing import Any
 
 import torch
@@ -42,7 +43,7 @@ from geoprior.sources.shards import ShardSource
 from geoprior.training.config import TrainConfig
 from geoprior.training.data import Batches, features_of, split_slots, statistics_of
 from geoprior.training.held_out import HeldOut
-from geoprior.training.loop import fit
+from geoprior.training.loop import Training, fit
 from geoprior.training.machine import Machine
 
 WORKER = Path(__file__).with_name("lerobot_act.py")
@@ -156,8 +157,8 @@ def learn_theirs(work: Path, python: str, terms: Terms, steps: int, threads: int
     return found
 
 
-def learn_ours(work: Path, terms: Terms, steps: int, precision: str, threads: int) -> list[dict[str, Any]]:
-    """Train ours; returns a row for every time it was judged."""
+def our_training(work: Path, terms: Terms, steps: int, precision: str, threads: int) -> Training:
+    """Ours, from LeRobot's first weights and on the recorded batches."""
     folder = work / f"ours-{precision}{terms.suffix}"
     choice = Choice(name=LARGE.name, options={**LARGE.options, "dropout": terms.dropout})
     plain = make_training(
@@ -175,7 +176,7 @@ def learn_ours(work: Path, terms: Terms, steps: int, precision: str, threads: in
     theirs = load_file(work / "lerobot_initial.safetensors")
     named = {from_lerobot(name): tensor for name, tensor in theirs.items() if name != POSITION_TABLE}
     plain.policy.load_state_dict(named, strict=True)
-    training = replace(
+    return replace(
         plain,
         run=folder.name,
         folder=folder,
@@ -185,8 +186,13 @@ def learn_ours(work: Path, terms: Terms, steps: int, precision: str, threads: in
         fingerprint=sha256_json([choice.options, CHUNK, SEED, precision]),
         held_out=Deployed(work / HELD_OUT),
     )
+
+
+def learn_ours(work: Path, terms: Terms, steps: int, precision: str, threads: int) -> list[dict[str, Any]]:
+    """Train ours; returns a row for every time it was judged."""
+    training = our_training(work, terms, steps, precision, threads)
     fit(training)
-    lines = [json.loads(line) for line in (folder / "log.jsonl").read_text().splitlines()]
+    lines = [json.loads(line) for line in (training.folder / "log.jsonl").read_text().splitlines()]
     return [line for line in lines if "held_out_l1" in line]
 
 
@@ -197,6 +203,10 @@ def compare(curves: dict[str, list[dict[str, Any]]], step: int) -> list[Metric]:
     """
     reached = {
         name: next(row["held_out_l1"] for row in curve if row["step"] == step)
+        for name, curve in curves.items()
+    }
+    later = {
+        name: fmean(row["held_out_l1"] for row in curve if step / 2 < row["step"] <= step)
         for name, curve in curves.items()
     }
     reference = reached["LeRobot"]
@@ -210,6 +220,7 @@ def compare(curves: dict[str, list[dict[str, Any]]], step: int) -> list[Metric]:
             metrics.append(at_most(metric, gap, "%", GOAL_PERCENT))
         elif name != "LeRobot":
             metrics.append(Metric(metric, gap, "%"))
+    metrics += [Metric(f"{name}: mean over the later half", value, "") for name, value in later.items()]
     return metrics
 
 
