@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from task_checks import assert_steps_like_robosuite
 
-from geoprior.errors import DataError
+from geoprior.errors import DataError, PluginError
 from geoprior.geometry.se3 import transforms_of_poses
 from geoprior.hooks.manager import plugins
 from geoprior.options import Choice
@@ -138,6 +138,17 @@ def test_a_policy_of_another_body_is_refused_by_name(world):
         _require_same_body(checkpoint, Told(replace(fitting, hands=fitting.hands[::-1])), world)
     with pytest.raises(DataError, match=r"looks through hand, third and task 'pick' has far, middle, near"):
         _require_same_body(checkpoint, Told(replace(fitting, cameras=("hand", "third"))), world)
+
+
+@pytest.mark.parametrize("hands", [("left", "left"), ("left", "third"), ()], ids=str)
+def test_hands_that_cannot_be_told_apart_are_refused(cameras, hands):
+    class World(PickWorld):
+        def make_arms(self, robot):
+            return [Arm(robot, hand=hand) for hand in hands]
+
+    robot = plugins().build("robot", Choice(name="ur5e"))
+    with pytest.raises(PluginError, match=r"World\.make_arms: arms with the hands \["):
+        World(robot, Setting(cameras, 10, None), PickConfig())
 
 
 def test_hands_are_blended_each_for_itself():

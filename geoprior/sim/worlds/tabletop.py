@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from geoprior.errors import PluginError
 from geoprior.geometry.se3 import (
     REFERENCE_QUATERNION,
     TRANSFORM_CAMERA_TO_HAND_AXES,
@@ -73,6 +74,9 @@ class Tabletop(ManipulationEnv):  # type: ignore[misc]  # robosuite has no types
         robot: The arm; see `make_arms`.
         setting: How it is seen and paced.
 
+    Raises:
+        PluginError: Two of its arms have hands of one name, or one is named like the third camera.
+
     Attributes:
         third_camera: (3,) where the third camera stands and (3,) what it looks at, workspace frame, metres.
     """
@@ -81,7 +85,7 @@ class Tabletop(ManipulationEnv):  # type: ignore[misc]  # robosuite has no types
 
     def __init__(self, robot: Robot, setting: Setting) -> None:
         self.robot = robot
-        self.arms = {arm.hand: arm for arm in self.make_arms(robot)}
+        self.arms = self._by_hand(self.make_arms(robot))
         self.state_seed = 0
         self._cameras, self._look = setting.cameras, setting.look
         super().__init__(
@@ -122,6 +126,15 @@ class Tabletop(ManipulationEnv):  # type: ignore[misc]  # robosuite has no types
     def failure(self) -> str:
         """Why the goal can no longer be reached, or an empty string."""
         return ""
+
+    def _by_hand(self, arms: Sequence[Arm]) -> dict[str, Arm]:
+        hands = [arm.hand for arm in arms]
+        if not hands or len(set(hands)) < len(hands) or THIRD_CAMERA in hands:
+            raise PluginError(
+                f"{type(self).__name__}.make_arms: arms with the hands {hands}",
+                f"give at least one arm, and each hand a name of its own that is not {THIRD_CAMERA!r}",
+            )
+        return {arm.hand: arm for arm in arms}
 
     # Frames -----------------------------------------------------------------------------------------
 
