@@ -74,9 +74,11 @@ def _measure(*, rounds: int, steps: int, goals: bool) -> Iterator[Metric]:
     threads = torch.get_num_threads()
     with tempfile.TemporaryDirectory() as folder, closing(make_source(Path(folder))) as source:
         yield from _measure_loop(source, rounds * steps, threads, goals=goals)
+        measured = _Rounds(threads, rounds, steps)
+        yield from measured.steps_of(source, "compact", COMPACT, 64, "bf16")
         for precision in ("bf16", "fp32"):
             for size in (8, 32):
-                yield from _measure_steps(source, size, precision, threads, rounds, steps)
+                yield from measured.steps_of(source, "dim 512", LARGE, size, precision)
 
 
 def make_source(folder: Path) -> ShardSource:
@@ -135,30 +137,38 @@ def _measure_loop(source: Source, steps: int, threads: int, *, goals: bool) -> I
     yield at_most(loader, share, "", LOADER_GOAL) if goals else Metric(loader, share, "")
 
 
-def _measure_steps(
-    source: Source, batch_size: int, precision: str, threads: int, rounds: int, steps: int
-) -> Iterator[Metric]:
-    training = make_training(source, LARGE, batch_size, precision, threads)
-    optimizer = make_optimizer(training.config, training.policy, training.machine)
-    batch = training.batches.batch(0)
-    times_of_steps(training, optimizer, batch, 2)
-    slices = []
-    for _ in range(rounds):
-        rates = machine_rates(torch.bfloat16 if precision == "bf16" else torch.float32)
-        slices.append((rates, median(times_of_steps(training, optimizer, batch, steps))))
-    name = f"dim 512, batch {batch_size}, {precision}"
-    seconds = median(took for _, took in slices)
-    yield Metric(name, batch_size / seconds, "samples/s")
-    operations = operations_of(training, optimizer, batch)
-    moved = BYTES_A_WEIGHT * sum(parameter.numel() for parameter in training.policy.parameters())
-    yield Metric(f"{name}: arithmetic of a step", operations / 1e9, "GFLOP")
-    floors = [operations / rates.operations + moved / rates.bytes for rates, _ in slices]
-    yield Metric(f"{name}: floor of a step by arithmetic and AdamW's memory", 1e3 * median(floors), "ms")
-    over = median(took / floor for (_, took), floor in zip(slices, floors, strict=True))
-    yield Metric(f"{name}: a step over its floor", over, "x")
-    yield Metric(
-        f"{name}: matrix products meanwhile", median(r.operations for r, _ in slices) / 1e9, "GFLOP/s"
-    )
+@dataclass(frozen=True)
+class _Rounds:
+    """Slices of steps, in turn with a measurement of what the machine can do at that moment."""
+
+    threads: int
+    rounds: int
+    steps: int
+
+    def steps_of(
+        self, source: Source, label: str, choice: Choice, batch_size: int, precision: str
+    ) -> Iterator[Metric]:
+        """How long a step takes, and how long it would by arithmetic and memory alone."""
+        training = make_training(source, choice, batch_size, precision, self.threads)
+        optimizer = make_optimizer(training.config, training.policy, training.machine)
+        batch = training.batches.batch(0)
+        times_of_steps(training, optimizer, batch, 2)
+        slices = []
+        for _ in range(self.rounds):
+            rates = machine_rates(torch.bfloat16 if precision == "bf16" else torch.float32)
+            slices.append((rates, median(times_of_steps(training, optimizer, batch, self.steps))))
+        name = f"{label}, batch {batch_size}, {precision}"
+        seconds = median(took for _, took in slices)
+        yield Metric(name, batch_size / seconds, "samples/s")
+        operations = operations_of(training, optimizer, batch)
+        moved = BYTES_A_WEIGHT * sum(parameter.numel() for parameter in training.policy.parameters())
+        yield Metric(f"{name}: arithmetic of a step", operations / 1e9, "GFLOP")
+        floors = [operations / rates.operations + moved / rates.bytes for rates, _ in slices]
+        yield Metric(f"{name}: floor of a step by arithmetic and AdamW's memory", 1e3 * median(floors), "ms")
+        over = median(took / floor for (_, took), floor in zip(slices, floors, strict=True))
+        yield Metric(f"{name}: a step over its floor", over, "x")
+        rate = median(rates.operations for rates, _ in slices) / 1e9
+        yield Metric(f"{name}: matrix products meanwhile", rate, "GFLOP/s")
 
 
 def times_of_steps(training: Training, optimizer: AdamW, batch: Batch, count: int) -> list[float]:

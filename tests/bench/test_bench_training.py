@@ -38,8 +38,8 @@ def test_training_is_told_with_its_floor():
     rate = metrics["compact: 2 cameras, batch 64, bf16"]
     assert rate.met is True
     assert 0.0 <= metrics["compact: share of time that a step waits for its batch"].value < 1.0
-    for size in (8, 32):
-        step = f"dim 512, batch {size}, fp32"
+    for label, size in (("compact", 64), ("dim 512", 8), ("dim 512", 32)):
+        step = f"{label}, batch {size}, bf16"
         took = 1e3 * size / metrics[step].value
         floor = metrics[f"{step}: floor of a step by arithmetic and AdamW's memory"].value
         assert metrics[f"{step}: a step over its floor"].value == pytest.approx(took / floor)
