@@ -39,6 +39,14 @@ class AdamW(torch.optim.AdamW):
         """For the time of a forward and a backward pass."""
         yield
 
+    @torch.no_grad()
+    def step(self, closure: Callable[[], float] | None = None) -> None:  # type: ignore[override]
+        """Update all parameters that have a gradient."""
+        assert closure is None, "the gradients are there already"
+        super().step()
+        # Fused updates write to weights without saying so; trunks keep what they derive from them.
+        torch.autograd.graph.increment_version(self._parameters())
+
     def refresh(self) -> None:
         """Take note of weights that were loaded."""
 
@@ -100,12 +108,11 @@ class HalfAdamW(AdamW):
 
     @torch.no_grad()
     def step(self, closure: Callable[[], float] | None = None) -> None:  # type: ignore[override]
-        """Update all parameters that have a gradient."""
-        assert closure is None, "the gradients are there already"
+        """See `AdamW.step`."""
         held = {p: p.grad for p in self._halves if p.grad is not None}
         for parameter in held:
             parameter.grad = None
-        super().step()
+        super().step(closure)
         tasks = [
             task
             for group in self.param_groups

@@ -10,14 +10,16 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from training_material import FakeStore, make_demonstration, make_training
+from training_material import TINY_ACT, FakeStore, make_demonstration, make_training
 
 from geoprior.errors import ConfigError
+from geoprior.policies.checkpoint import list_checkpoints, load_checkpoint
 from geoprior.policies.normalise import Normaliser
 from geoprior.sources.shards import ShardSource
 from geoprior.training.data import Batches, features_of, split_slots, statistics_of
 from geoprior.training.held_out import MOMENTS, HeldOut
 from geoprior.training.loop import RESULT_NAME, fit
+from geoprior.training.stages import build_policy
 
 
 class Watched(FakeStore):
@@ -129,6 +131,25 @@ def test_it_is_logged_at_every_checkpoint_and_falls(store, tmp_path):
     assert losses[-1] < losses[0]
     assert result["metrics"]["held_out_l1"] == pytest.approx(losses[-1])
     assert training.policy.training
+
+
+@pytest.mark.parametrize("norm", ["frozen", "batch", "group"])
+@pytest.mark.parametrize("precision", ["fp32", "bf16"])
+def test_the_weights_that_are_judged_are_those_of_the_checkpoint(store, tmp_path, precision, norm):
+    """A trunk keeps what it derives from its weights, which an optimiser may change behind its back."""
+    training, _ = _judged(
+        store, tmp_path, epochs=9, checkpoint_every=3, learning_rate=0.01, precision=precision
+    )
+    choice = TINY_ACT.model_copy(update={"options": {**TINY_ACT.options, "trunk_norm": norm}})
+    first, fresh = (build_policy(choice, training.policy.features, 0) for _ in range(2))
+    fit(replace(training, policy=first))
+    judged = [line["held_out_loss"] for line in _lines(tmp_path) if "held_out_loss" in line]
+    assert len(set(judged)) == 3
+    for checkpoint, loss in zip(list_checkpoints(tmp_path), judged, strict=True):
+        fresh.load_state_dict(load_checkpoint(checkpoint.path)[1])
+        assert training.held_out.measure(fresh, training.machine)["held_out_loss"] == pytest.approx(
+            loss, rel=1e-6
+        )
 
 
 def test_judging_changes_nothing_of_the_training(store, tmp_path):
