@@ -23,7 +23,7 @@ from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import fmean
-from typing import Any
+from typing import Any, cast
 
 import torch
 from safetensors import safe_open
@@ -36,15 +36,15 @@ from geoprior.files import sha256_json, write_json
 from geoprior.geometry.seeding import integer_seed
 from geoprior.options import Choice
 from geoprior.policies.act.lerobot_names import POSITION_TABLE, from_lerobot
+from geoprior.policies.checkpoint import list_checkpoints, load_weights
 from geoprior.policies.normalise import Normaliser, normalise_images
-from geoprior.policies.policy import Batch
+from geoprior.policies.policy import Batch, Policy
 from geoprior.shards.reader import EpisodeStore
 from geoprior.sources.shards import ShardSource
 from geoprior.training.config import TrainConfig
 from geoprior.training.data import Batches, features_of, split_slots, statistics_of
 from geoprior.training.held_out import HeldOut
 from geoprior.training.loop import Training, fit
-from geoprior.training.machine import Machine
 
 WORKER = Path(__file__).with_name("lerobot_act.py")
 STEPS, BATCH, CHUNK, SEED = 2_000, 8, 25, 20_000
@@ -126,24 +126,18 @@ class Recorded:
                 yield {**rows, "valid": rows["valid"].bool(), "images": images}
 
 
-class Deployed:
-    """Judges a policy as it is deployed, in float32; in the place of `geoprior.training.held_out.HeldOut`."""
-
-    def __init__(self, path: Path) -> None:
-        with safe_open(path, "pt") as file:
-            count = file.get_slice("pose").get_shape()[0]
-        self._batches = list(Recorded(path, 32).stream(0, -(-count // 32)))
-
-    def measure(self, policy: nn.Module, _: Machine) -> dict[str, float]:
-        """Mean error over valid actions, normalised."""
-        policy.eval()
-        total, terms = 0.0, 0
-        for batch in self._batches:
-            error = (policy.predict(batch) - batch["action"]).abs()[batch["valid"]]
-            total += float(error.sum())
-            terms += error.numel()
-        policy.train()
-        return {"held_out_l1": total / terms}
+def held_out_l1(policy: nn.Module, work: Path) -> float:
+    """Mean error of the policy as it is deployed, in float32, over valid actions, normalised."""
+    path = work / HELD_OUT
+    with safe_open(path, "pt") as file:
+        count = file.get_slice("pose").get_shape()[0]
+    policy.eval()
+    total, terms = 0.0, 0
+    for batch in Recorded(path, 32).stream(0, -(-count // 32)):
+        error = (cast("Policy", policy).predict(batch) - batch["action"]).abs()[batch["valid"]]
+        total += float(error.sum())
+        terms += error.numel()
+    return total / terms
 
 
 def learn_theirs(work: Path, python: str, terms: Terms, steps: int, threads: int) -> dict[str, Any]:
@@ -184,7 +178,6 @@ def our_training(work: Path, terms: Terms, steps: int, precision: str, threads: 
         episodes=JUDGE_EVERY * BATCH,
         seed=SEED,
         fingerprint=sha256_json([choice.options, CHUNK, SEED, precision]),
-        held_out=Deployed(work / HELD_OUT),
     )
 
 
@@ -193,7 +186,13 @@ def learn_ours(work: Path, terms: Terms, steps: int, precision: str, threads: in
     training = our_training(work, terms, steps, precision, threads)
     fit(training)
     lines = [json.loads(line) for line in (training.folder / "log.jsonl").read_text().splitlines()]
-    return [line for line in lines if "held_out_l1" in line]
+    l1 = {line["step"]: line["l1"] for line in lines}
+    curve = []
+    for checkpoint in list_checkpoints(training.folder):
+        load_weights(training.policy, checkpoint.path)
+        step = checkpoint.epoch * JUDGE_EVERY
+        curve.append({"step": step, "l1": l1[step], "held_out_l1": held_out_l1(training.policy, work)})
+    return curve
 
 
 def compare(curves: dict[str, list[dict[str, Any]]], step: int) -> list[Metric]:

@@ -20,7 +20,7 @@ def no_collections():
 def simulations():
     from robosuite.utils.binding_utils import MjSim
 
-    return sum(isinstance(found, MjSim) for found in gc.get_objects())
+    return sum(type(found) is MjSim for found in gc.get_objects())
 
 
 @pytest.mark.usefixtures("no_collections")
