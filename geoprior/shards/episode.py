@@ -16,7 +16,7 @@ from geoprior.errors import DataError
 from geoprior.options import Options
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Collection, Mapping
 
     from numpy.typing import NDArray
 
@@ -95,6 +95,14 @@ class Episode:
             raise DataError(f"{self.header.key}: cameras {names} do not match images {sorted(self.images)}")
         for camera in self.header.cameras:
             _validate_images(self.header, camera, self.images[camera.name])
+
+
+def can_be_told_apart(hands: Collection[str], fixed_camera: str) -> bool:
+    """Whether there are hands, each with a name of its own that is not the fixed camera's or its mount's.
+
+    A hand's camera bears the hand's name, and its mount is the hand.
+    """
+    return len(set(hands)) == len(hands) > 0 and not {fixed_camera, WORLD} & set(hands)
 
 
 def validate_poses(header: EpisodeHeader, field: str, poses: NDArray[np.float32]) -> None:

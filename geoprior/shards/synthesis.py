@@ -21,7 +21,7 @@ from geoprior.render.variation import vary
 from geoprior.scene.mesh import extents
 from geoprior.scene.objects import OBJECT
 from geoprior.scene.scene import draw_scene
-from geoprior.shards.episode import WORLD, CameraHeader, Episode, EpisodeHeader
+from geoprior.shards.episode import WORLD, CameraHeader, Episode, EpisodeHeader, can_be_told_apart
 from geoprior.shards.others import others_of, require_known_objects
 from geoprior.shards.sample import Sample, block_slices
 
@@ -226,7 +226,7 @@ def hands_of(motion: Choice) -> tuple[str, ...]:
         PluginError: The motion's spec names no hands, one twice, or one like the fixed camera or its mount.
     """
     hands: tuple[str, ...] = plugins().spec("motion", motion.name).hands  # type: ignore[attr-defined]
-    if not hands or len(set(hands)) < len(hands) or {rig.THIRD, WORLD} & set(hands):
+    if not can_be_told_apart(hands, rig.THIRD):
         raise PluginError(
             f"motion {motion.name!r}: its spec names the hands {list(hands)}",
             f"name each hand once, and none {rig.THIRD!r} or {WORLD!r}",

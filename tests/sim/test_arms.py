@@ -140,7 +140,7 @@ def test_a_policy_of_another_body_is_refused_by_name(world):
         _require_same_body(checkpoint, Told(replace(fitting, cameras=("hand", "third"))), world)
 
 
-@pytest.mark.parametrize("hands", [("left", "left"), ("left", "third"), ()], ids=str)
+@pytest.mark.parametrize("hands", [("left", "left"), ("left", "third"), ("world",), ()], ids=str)
 def test_hands_that_cannot_be_told_apart_are_refused(cameras, hands):
     class World(PickWorld):
         def make_arms(self, robot):

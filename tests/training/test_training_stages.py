@@ -1,6 +1,7 @@
 """The stages with ACT on shards: what they write, what is transferred, and what is refused."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -126,6 +127,18 @@ def test_every_condition_and_seed_gets_its_folder(demos, prior, tmp_path):
         assert np.isfinite(list(result["metrics"].values())).all()
     again = tune(demos, prior, tmp_path, BOTH, seeds=[0, 7], checkpoint_every=2)
     assert again == results
+
+
+@pytest.mark.parametrize("statistics", ["pretrained", "merged"])
+def test_statistics_of_other_hands_are_refused(demos, prior, tmp_path, statistics):
+    copy = shutil.copytree(prior, tmp_path / "prior")
+    for path in copy.glob("epoch-*.json"):
+        tree = json.loads(path.read_text())
+        tree["features"]["hands"] = ["left"]
+        path.write_text(json.dumps(tree))
+    conditions = {"prior": ConditionConfig(init="prior", weights="trunk", statistics=statistics)}
+    with pytest.raises(DataError, match="its statistics are of the hands left, this data has hand"):
+        tune(demos, copy, tmp_path / "out", conditions, epochs=2)
 
 
 def test_an_interrupted_stage_goes_on(demos, prior, tmp_path):

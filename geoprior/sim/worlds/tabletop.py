@@ -19,6 +19,7 @@ from geoprior.geometry.se3 import (
 )
 from geoprior.geometry.seeding import generator
 from geoprior.scene.hand import HAND
+from geoprior.shards.episode import WORLD, can_be_told_apart
 from geoprior.sim.arm import Arm
 from geoprior.sim.backend import prepare_robosuite
 from geoprior.sim.kinematics import solve_joints
@@ -127,16 +128,16 @@ class Tabletop(ManipulationEnv):  # type: ignore[misc]  # robosuite has no types
         """Why the goal can no longer be reached, or an empty string."""
         return ""
 
+    # Frames -----------------------------------------------------------------------------------------
+
     def _by_hand(self, arms: Sequence[Arm]) -> dict[str, Arm]:
         hands = [arm.hand for arm in arms]
-        if not hands or len(set(hands)) < len(hands) or THIRD_CAMERA in hands:
+        if not can_be_told_apart(hands, THIRD_CAMERA):
             raise PluginError(
                 f"{type(self).__name__}.make_arms: arms with the hands {hands}",
-                f"give at least one arm, and each hand a name of its own that is not {THIRD_CAMERA!r}",
+                f"give at least one arm, and name each hand once and none {THIRD_CAMERA!r} or {WORLD!r}",
             )
         return {arm.hand: arm for arm in arms}
-
-    # Frames -----------------------------------------------------------------------------------------
 
     @property
     def hands(self) -> tuple[str, ...]:
