@@ -16,20 +16,19 @@ from contextlib import closing
 from pathlib import Path
 
 import torch
-from train_curve import PRECISIONS, SAME_NOISE, WORKER, our_training, prepare
+from train_curve import PRECISIONS, SAME_NOISE, STEPS, WORKER, our_training, prepare, write_terms
 
 from geoprior.bench.metrics import Metric, as_lines, report
 from geoprior.files import write_json
 from geoprior.training.optimise import make_optimizer, take_step
 
-STEPS = (1, 2, 5, 10, 20)
+LOOKED_AT = (1, 2, 5, 10, 20)
 
 
 def their_losses(work: Path, python: str, threads: int) -> list[float]:
     """L1 of each step in LeRobot."""
-    name = f"lerobot{SAME_NOISE.suffix}"
-    write_json(work / f"{name}.json", {"dropout": SAME_NOISE.dropout, "seeds": SAME_NOISE.seeds})
-    command = [python, WORKER, "first", work, name, str(STEPS[-1]), str(threads)]
+    name = write_terms(work, SAME_NOISE)
+    command = [python, WORKER, "first", work, name, str(LOOKED_AT[-1]), str(threads)]
     done = subprocess.run(command, check=True, capture_output=True, text=True)
     losses: list[float] = json.loads(done.stdout.splitlines()[-1])
     return losses
@@ -38,9 +37,9 @@ def their_losses(work: Path, python: str, threads: int) -> list[float]:
 def our_losses(work: Path, precision: str, threads: int) -> list[float]:
     """L1 of each step in ours."""
     torch.set_num_threads(threads)
-    training = our_training(work, SAME_NOISE, 2_000, precision, threads)
+    training = our_training(work, SAME_NOISE, STEPS, precision, threads)
     optimizer = make_optimizer(training.config, training.policy, training.machine)
-    with closing(training.batches.stream(0, STEPS[-1])) as batches:
+    with closing(training.batches.stream(0, LOOKED_AT[-1])) as batches:
         return [take_step(training, optimizer, step, {0: batch})["l1"] for step, batch in enumerate(batches)]
 
 
@@ -59,7 +58,7 @@ def main() -> None:
     metrics = []
     for precision in PRECISIONS:
         ours = our_losses(options.work, precision, threads=1)
-        for step in STEPS:
+        for step in LOOKED_AT:
             gap = abs(ours[step - 1] / theirs[step - 1] - 1.0)
             metrics.append(Metric(f"{precision}: relative distance of the L1 loss at step {step}", gap, ""))
     command = "python benchmarks/first_steps.py --lerobot PYTHON --work FOLDER"

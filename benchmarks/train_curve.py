@@ -140,11 +140,17 @@ def held_out_l1(policy: nn.Module, work: Path) -> float:
     return total / terms
 
 
+def write_terms(work: Path, terms: Terms) -> str:
+    """Tell LeRobot's side the terms; returns the name by which it finds them."""
+    name = f"lerobot{terms.suffix}"
+    write_json(work / f"{name}.json", {"dropout": terms.dropout, "seeds": terms.seeds})
+    return name
+
+
 def learn_theirs(work: Path, python: str, terms: Terms, steps: int, threads: int) -> dict[str, Any]:
     """Train LeRobot's; returns its versions and a row for every time it was judged."""
-    name = f"lerobot{terms.suffix}"
+    name = write_terms(work, terms)
     curve = work / f"{name}_curve.json"
-    write_json(work / f"{name}.json", {"dropout": terms.dropout, "seeds": terms.seeds})
     if not curve.exists() or json.loads(curve.read_text())["curve"][-1]["step"] < steps:
         subprocess.run([python, WORKER, "learn", work, name, str(steps), str(threads)], check=True)
     found: dict[str, Any] = json.loads(curve.read_text())
