@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, closing, contextmanager
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, closing
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, cast
@@ -18,6 +18,7 @@ from geoprior.hooks.types import TrainStep
 from geoprior.policies.checkpoint import CheckpointHeader, checkpoint_path, save_checkpoint
 from geoprior.progress import Track, track
 from geoprior.training.compiling import compile_loss
+from geoprior.training.machine import arithmetic
 from geoprior.training.optimise import make_optimizer, take_step
 from geoprior.training.order import steps_until
 from geoprior.training.resume import (
@@ -108,7 +109,7 @@ def fit(training: Training) -> dict[str, Any]:
     if training.team.leads:
         training.folder.mkdir(parents=True, exist_ok=True)
         _sweep(training.folder)
-    with _arithmetic(training.machine.threads):
+    with arithmetic(training.machine.threads):
         result = _run(training)
     if training.team.leads:
         write_json(result_path, result)
@@ -222,15 +223,3 @@ def _log(training: Training, step: int, metrics: Mapping[str, float], *, always:
         folder=training.folder,
     )
     plugins().hook.geoprior_train_step(event=event)
-
-
-@contextmanager
-def _arithmetic(threads: int) -> Iterator[None]:
-    """So many threads, and a random state that the caller does not notice."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(threads)
-    try:
-        with torch.random.fork_rng():
-            yield
-    finally:
-        torch.set_num_threads(before)

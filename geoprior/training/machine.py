@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
@@ -11,6 +13,7 @@ import torch
 
 from geoprior.errors import DataError, MachineError
 from geoprior.files import read_json, write_json
+from geoprior.training.memory import kept_memory
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -66,6 +69,18 @@ def decide_machine(config: TrainConfig, folder: Path, processes: int = 1) -> Mac
     machine = Machine(device, precision, threads, round(speedup, 2))
     write_json(path, asdict(machine))
     return machine
+
+
+@contextmanager
+def arithmetic(threads: int) -> Iterator[None]:
+    """So many threads, a random state that the caller does not notice, and memory that is kept."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(threads)
+    try:
+        with torch.random.fork_rng(), kept_memory():
+            yield
+    finally:
+        torch.set_num_threads(before)
 
 
 def measure_bf16_speedup(device: str, size: int = 768, trials: int = 5) -> float:
