@@ -16,14 +16,37 @@ if TYPE_CHECKING:
 Function = TypeVar("Function", bound="Callable[..., Any]")
 
 
+_LOOPS = dict.fromkeys(
+    ("comprehension", "reduction", "inplace_binop", "setitem", "numpy", "stencil", "fusion"), False
+) | {"prange": True}
+"""Only loops that say so are shared."""
+
+
 def compiled(function: Function) -> Function:
     """Compile, and keep the machine code on disk where numba finds a folder that it can write to.
 
     The code runs without the interpreter's lock, divides as NumPy does, and never reorders floating-point
     sums.
     """
+    return _compile(function)
+
+
+def shared(function: Function) -> Function:
+    """The same for a function whose loops over `numba.prange` are shared by threads; see `geoprior.lanes`."""
+    return _compile(function, parallel=_LOOPS)
+
+
+def shared_sums(function: Function) -> Function:
+    """The same, and sums over an array may be reordered, as vector units want it.
+
+    The last bits of a sum then depend on the machine, as those of matrix products do: not for shards.
+    """
+    return _compile(function, parallel=_LOOPS, fastmath={"reassoc", "contract", "nsz"})
+
+
+def _compile(function: Function, **options: Any) -> Function:
     njit: Any = numba.njit
-    options = {"error_model": "numpy", "nogil": True}
+    options |= {"error_model": "numpy", "nogil": True}
     try:
         machine_code: Function = njit(cache=True, **options)(function)
     except RuntimeError:  # numba: no locator available for the cache

@@ -9,18 +9,22 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numba import prange
 
-from geoprior.compiled import compiled
+from geoprior.compiled import shared
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _BLOCK = 2048
 """Numbers taken at a time: all their arrays stay in the first caches."""
+_ROW = 64
+"""Sums that run side by side."""
 
 
-@compiled
+@shared
 def update_halves(
+    lanes: int,
     weight: NDArray[np.float32],
     mean: NDArray[np.float32],
     square: NDArray[np.float32],
@@ -31,6 +35,7 @@ def update_halves(
     """One step of AdamW (Loshchilov & Hutter 2019) on flat arrays of one length, in place.
 
     Args:
+        lanes: Threads to share the work.
         weight: To be changed.
         mean: Running mean of the gradient.
         square: Running mean of its square.
@@ -41,19 +46,55 @@ def update_halves(
     """
     factor, kept, new, old_square, new_square = rates[0], rates[1], rates[2], rates[3], rates[4]
     step, root, epsilon = rates[5], rates[6], rates[7]
-    bits = np.empty(_BLOCK, np.uint32)
-    numbers = bits.view(np.float32)
-    for first in range(0, weight.size, _BLOCK):
-        w, m, v = weight[first : first + _BLOCK], mean[first : first + _BLOCK], square[first : first + _BLOCK]
-        g, h = gradient[first : first + _BLOCK], half[first : first + _BLOCK]
-        for i in range(w.size):
-            bits[i] = np.uint32(g[i]) << np.uint32(16)
-        for i in range(w.size):
-            x = numbers[i] * factor
-            m[i] += (x - m[i]) * new
-            v[i] = v[i] * old_square + x * x * new_square
-            w[i] = w[i] * kept - step * m[i] / (np.sqrt(v[i]) / root + epsilon)
-            numbers[i] = w[i]
-        for i in range(w.size):
-            odd = (bits[i] >> np.uint32(16)) & np.uint32(1)
-            h[i] = np.uint16((bits[i] + np.uint32(0x7FFF) + odd) >> np.uint32(16))
+    blocks = -(-weight.size // _BLOCK)
+    for lane in prange(lanes):
+        bits = np.empty(_BLOCK, np.uint32)
+        numbers = bits.view(np.float32)
+        for block in range(blocks * lane // lanes, blocks * (lane + 1) // lanes):
+            first = block * _BLOCK
+            last = min(first + _BLOCK, weight.size)
+            w, m, v = weight[first:last], mean[first:last], square[first:last]
+            g, h = gradient[first:last], half[first:last]
+            for i in range(w.size):
+                bits[i] = np.uint32(g[i]) << np.uint32(16)
+            for i in range(w.size):
+                x = numbers[i] * factor
+                m[i] += (x - m[i]) * new
+                v[i] = v[i] * old_square + x * x * new_square
+                w[i] = w[i] * kept - step * m[i] / (np.sqrt(v[i]) / root + epsilon)
+                numbers[i] = w[i]
+            for i in range(w.size):
+                odd = (bits[i] >> np.uint32(16)) & np.uint32(1)
+                h[i] = np.uint16((bits[i] + np.uint32(0x7FFF) + odd) >> np.uint32(16))
+
+
+@shared
+def square_sums(lanes: int, gradient: NDArray[np.uint16], sums: NDArray[np.float64]) -> None:
+    """The sum of the squares of each block of bfloat16 numbers; blocks do not depend on the lanes.
+
+    Args:
+        lanes: Threads to share the work.
+        gradient: Flat, the bits of the numbers.
+        sums: One for each `block_count`, result.
+    """
+    for lane in prange(lanes):
+        bits, totals = np.empty(_BLOCK, np.uint32), np.empty(_ROW, np.float32)
+        numbers = bits.view(np.float32)
+        for block in range(sums.size * lane // lanes, sums.size * (lane + 1) // lanes):
+            given = gradient[block * _BLOCK : (block + 1) * _BLOCK]
+            bits[given.size :] = np.uint32(0)
+            for i in range(given.size):
+                bits[i] = np.uint32(given[i]) << np.uint32(16)
+            totals[:] = np.float32(0.0)
+            for first in range(0, _BLOCK, _ROW):
+                for i in range(_ROW):
+                    totals[i] += numbers[first + i] * numbers[first + i]
+            total = 0.0
+            for i in range(_ROW):
+                total += totals[i]
+            sums[block] = total
+
+
+def block_count(size: int) -> int:
+    """Blocks that so many numbers make."""
+    return -(-size // _BLOCK)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -18,9 +17,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
     from torch import Tensor, nn
-
-_CUT = 2**20
-"""Numbers that one thread updates at a time."""
 
 
 class AdamW(torch.optim.AdamW):
@@ -69,12 +65,10 @@ class HalfAdamW(AdamW):
     Args:
         groups: As those of every torch optimiser.
         weight_decay: Decoupled.
-        threads: For the update.
     """
 
-    def __init__(self, groups: Iterable[dict[str, Any]], weight_decay: float, threads: int) -> None:
+    def __init__(self, groups: Iterable[dict[str, Any]], weight_decay: float) -> None:
         super().__init__(groups, weight_decay)
-        self._pool = ThreadPoolExecutor(threads, thread_name_prefix="adamw")
         self._whole = {parameter: parameter.data for parameter in self._parameters() if is_large(parameter)}
         self._halves = {parameter: whole.to(torch.bfloat16) for parameter, whole in self._whole.items()}
         self._factor = 1.0
@@ -97,9 +91,8 @@ class HalfAdamW(AdamW):
 
     def clip(self, largest: float) -> float:
         """See `AdamW.clip`; what is large is shortened as it is used."""
-        gradients = [p.grad for p in self._parameters() if p.grad is not None]
-        norms = [torch.linalg.vector_norm(gradient, dtype=torch.float32) for gradient in gradients]
-        norm = float(torch.linalg.vector_norm(torch.stack(norms)))
+        squares = [_square_sum(p.grad, self._whole.get(p)) for p in self._parameters() if p.grad is not None]
+        norm = math.sqrt(math.fsum(squares))
         self._factor = min(1.0, largest / (norm + 1e-6))
         for parameter in self._parameters():
             if parameter.grad is not None and parameter not in self._halves:
@@ -113,31 +106,22 @@ class HalfAdamW(AdamW):
         for parameter in held:
             parameter.grad = None
         super().step(closure)
-        tasks = [
-            task
-            for group in self.param_groups
-            for parameter in group["params"]
-            if parameter in held
-            for task in self._tasks(parameter, held[parameter], group)
-        ]
-        for done in [self._pool.submit(*task) for task in tasks]:
-            done.result()
+        for group in self.param_groups:
+            for parameter in group["params"]:
+                if parameter in held:
+                    self._update(parameter, held[parameter], group)
         self._factor = 1.0
 
-    def _tasks(
-        self, parameter: nn.Parameter, gradient: Tensor, group: dict[str, Any]
-    ) -> Iterator[tuple[Any, ...]]:
+    def _update(self, parameter: nn.Parameter, gradient: Tensor, group: dict[str, Any]) -> None:
+        from geoprior.lanes import in_lanes
         from geoprior.training._adamw_kernel import update_halves
 
         state = self._state_of(parameter)
         state["step"] += 1
-        rates = self._rates(group, int(state["step"]))
         whole, half = self._whole[parameter], self._halves[parameter]
-        flat = [
-            _flat(tensor, whole) for tensor in (whole, state["exp_avg"], state["exp_avg_sq"], gradient, half)
-        ]
-        for first in range(0, whole.numel(), _CUT):
-            yield update_halves, *(numbers[first : first + _CUT] for numbers in flat), rates
+        tensors = (whole, state["exp_avg"], state["exp_avg_sq"], gradient, half)
+        rates = self._rates(group, int(state["step"]))
+        in_lanes(update_halves, whole.numel(), *(_flat(tensor, whole) for tensor in tensors), rates)
 
     def _state_of(self, parameter: nn.Parameter) -> dict[str, Tensor]:
         """Named as torch names it, so that either optimiser goes on from the other's."""
@@ -154,6 +138,18 @@ class HalfAdamW(AdamW):
         size, root = rate / (1.0 - beta1**step), math.sqrt(1.0 - beta2**step)
         numbers = [self._factor, 1.0 - rate * decay, 1.0 - beta1, beta2, 1.0 - beta2, size, root, epsilon]
         return np.array(numbers, dtype=np.float32)
+
+
+def _square_sum(gradient: Tensor, whole: Tensor | None) -> float:
+    """Of a gradient's numbers, which are bfloat16 where there is a whole weight beside the lent one."""
+    from geoprior.lanes import in_lanes
+    from geoprior.training._adamw_kernel import block_count, square_sums
+
+    if whole is None:
+        return float(torch.linalg.vector_norm(gradient)) ** 2
+    sums = np.empty(block_count(gradient.numel()))
+    in_lanes(square_sums, gradient.numel(), _flat(gradient, whole), sums)
+    return float(sums.sum())
 
 
 def _flat(tensor: Tensor, like: Tensor) -> NDArray[Any]:

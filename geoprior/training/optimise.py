@@ -39,7 +39,7 @@ def make_optimizer(config: TrainConfig, policy: nn.Module, machine: Machine) -> 
         if parameters
     ]
     if machine.device == "cpu" and machine.precision == "bf16" and config.microbatches == 1:
-        return HalfAdamW(groups, config.weight_decay, machine.threads)
+        return HalfAdamW(groups, config.weight_decay)
     return AdamW(groups, config.weight_decay)
 
 

@@ -56,11 +56,11 @@ def steps(net, optimizer, count, clip=None):
 @pytest.mark.parametrize("clip", [None, 0.05])
 def test_it_takes_the_steps_of_torchs_adamw_under_autocast(clip):
     ours, reference = nets()
-    optimizer = HalfAdamW(groups(ours), DECAY, threads=2)
+    optimizer = HalfAdamW(groups(ours), DECAY)
     found = steps(ours, optimizer, 12, clip)
     expected = steps(reference, AdamW(groups(reference), DECAY), 12, clip)
     assert found == pytest.approx(expected, rel=2e-3)
-    assert found[0] == expected[0]
+    assert found[0] == pytest.approx(expected[0], rel=1e-6)
     for ours_now, theirs in zip(ours.parameters(), reference.parameters(), strict=True):
         assert ours_now.dtype == torch.float32
         assert ours_now.stride() == theirs.stride()
@@ -72,7 +72,7 @@ def test_it_takes_the_steps_of_torchs_adamw_under_autocast(clip):
 def test_one_step_from_the_same_gradient_is_torchs_to_float32():
     weight = nn.Parameter(torch.randn(200, 300))
     twin = nn.Parameter(weight.detach().clone())
-    optimizer = HalfAdamW([{"params": [weight], "lr": RATE}], DECAY, threads=2)
+    optimizer = HalfAdamW([{"params": [weight], "lr": RATE}], DECAY)
     reference = AdamW([{"params": [twin], "lr": RATE}], DECAY)
     for _ in range(5):
         gradient = torch.randn(200, 300).to(torch.bfloat16)
@@ -90,7 +90,7 @@ def test_one_step_from_the_same_gradient_is_torchs_to_float32():
 
 def test_what_is_lent_is_the_weight_rounded_to_bfloat16():
     net, _ = nets()
-    optimizer = HalfAdamW(groups(net), DECAY, threads=1)
+    optimizer = HalfAdamW(groups(net), DECAY)
     steps(net, optimizer, 3)
     whole = {name: parameter.detach().clone() for name, parameter in net.named_parameters()}
     with optimizer.lend():
@@ -107,7 +107,7 @@ def test_what_is_lent_is_the_weight_rounded_to_bfloat16():
 
 def test_weights_come_back_when_a_step_fails():
     net, _ = nets()
-    optimizer = HalfAdamW(groups(net), DECAY, threads=1)
+    optimizer = HalfAdamW(groups(net), DECAY)
     with pytest.raises(RuntimeError, match="midway"), optimizer.lend():
         raise RuntimeError("midway")
     assert {parameter.dtype for parameter in net.parameters()} == {torch.float32}
@@ -115,7 +115,7 @@ def test_weights_come_back_when_a_step_fails():
 
 def test_loaded_weights_are_lent_after_a_refresh():
     net, other = nets()
-    optimizer = HalfAdamW(groups(net), DECAY, threads=1)
+    optimizer = HalfAdamW(groups(net), DECAY)
     with torch.no_grad():
         for parameter in net.parameters():
             parameter.add_(1.0)
@@ -126,7 +126,7 @@ def test_loaded_weights_are_lent_after_a_refresh():
 
 def test_a_parameter_without_a_gradient_stays():
     net, other = nets()
-    optimizer = HalfAdamW(groups(net), DECAY, threads=1)
+    optimizer = HalfAdamW(groups(net), DECAY)
     with optimizer.lend(), torch.autocast("cpu", torch.bfloat16):
         net.norm(net.conv(torch.randn(2, 16, 6, 6)).mean((2, 3))).sum().backward()
     optimizer.step()
@@ -136,13 +136,13 @@ def test_a_parameter_without_a_gradient_stays():
 
 def test_a_training_that_goes_on_takes_the_same_steps(tmp_path):
     whole, cut = nets()
-    whole_optimizer = HalfAdamW(groups(whole), DECAY, threads=2)
+    whole_optimizer = HalfAdamW(groups(whole), DECAY)
     steps(whole, whole_optimizer, 6)
-    begun = HalfAdamW(groups(cut), DECAY, threads=1)
+    begun = HalfAdamW(groups(cut), DECAY)
     steps(cut, begun, 6)
     save_progress(tmp_path, "one", Progress(6, 0.0, {}), cut, begun)
     later, _ = nets()
-    optimizer = HalfAdamW(groups(later), DECAY, threads=2)
+    optimizer = HalfAdamW(groups(later), DECAY)
     load_progress(tmp_path, "one", later, optimizer)
     optimizer.refresh()
     assert steps(later, optimizer, 5) == steps(whole, whole_optimizer, 5)
