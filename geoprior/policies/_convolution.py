@@ -13,6 +13,10 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from geoprior.lanes import in_lanes, numbers_of
+from geoprior.policies.fused._passes import is_fusable
+from geoprior.policies.fused.products import contract, correlate
+
 _FEW_CELLS = 16
 """Maps of up to so many cells: all passes are products."""
 _SOME_CELLS = 64
@@ -48,21 +52,23 @@ class _Convolution(torch.autograd.Function):
     @staticmethod
     @torch.amp.custom_fwd(device_type="cpu", cast_inputs=torch.bfloat16)  # type: ignore[untyped-decorator]
     def forward(ctx: Any, x: Tensor, weight: Tensor, stride: int) -> Tensor:
-        ctx.save_for_backward(x, weight)
         ctx.stride = stride
         if not _as_product(x, weight, stride):
+            ctx.save_for_backward(x, weight, None)
             return functional.conv2d(x, weight, None, stride, weight.shape[-1] // 2)
-        return _maps(neighbourhoods(x, weight.shape[-1], stride) @ _matrix(weight).t(), x, stride)
+        seen = neighbourhoods(x, weight.shape[-1], stride)
+        ctx.save_for_backward(x, weight, seen)
+        return _maps(contract(seen, _matrix(weight)), x, stride)
 
     @staticmethod
     @torch.amp.custom_bwd(device_type="cpu")  # type: ignore[untyped-decorator]
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, Tensor | None, None]:
-        x, weight = ctx.saved_tensors
+        x, weight, seen = ctx.saved_tensors
         kernel, stride = weight.shape[-1], ctx.stride
         of_x = of_weight = None
         rows = gradient.permute(0, 2, 3, 1).reshape(-1, len(weight))
         if ctx.needs_input_grad[1]:
-            product = rows.t() @ neighbourhoods(x, kernel, stride)
+            product = correlate(rows, neighbourhoods(x, kernel, stride) if seen is None else seen)
             of_weight = product.view(len(weight), kernel, kernel, -1).permute(0, 3, 1, 2)
         if ctx.needs_input_grad[0]:
             if _as_product(x, weight, stride):
@@ -74,23 +80,34 @@ class _Convolution(torch.autograd.Function):
 
 def neighbourhoods(x: Tensor, kernel: int, stride: int) -> Tensor:
     """(B * h * w, k * k * C): for each cell of the result what the kernel sees; zero outside the map."""
-    margin = kernel // 2
     cells = x.permute(0, 2, 3, 1)
-    padded = functional.pad(cells, (0, 0, margin, margin, margin, margin)) if margin else cells
-    views = [view for _, _, view in _shifted(padded, x, kernel, stride)]
-    return torch.cat(views, dim=-1).flatten(0, 2) if margin else views[0].reshape(-1, x.shape[1])
+    if kernel == 1:
+        return cells[:, ::stride, ::stride].reshape(-1, x.shape[1])
+    if is_fusable(x):
+        from geoprior.policies.fused._kernels import gather_cells
+
+        seen = x.new_empty(len(x), *_size(x, stride), kernel, kernel, x.shape[1])
+        in_lanes(gather_cells, seen.numel(), numbers_of(cells.contiguous()), kernel, stride, numbers_of(seen))
+        return seen.view(-1, kernel * kernel * x.shape[1])
+    margin = kernel // 2
+    padded = functional.pad(cells, (0, 0, margin, margin, margin, margin))
+    return torch.cat([view for _, _, view in _shifted(padded, x, kernel, stride)], dim=-1).flatten(0, 2)
 
 
 def _scatter(rows: Tensor, x: Tensor, kernel: int, stride: int) -> Tensor:
     """The transpose of `neighbourhoods`, summed in float32 at least."""
     margin = kernel // 2
     batch, channels, height, width = x.shape
+    parts = rows.view(batch, *_size(x, stride), kernel, kernel, channels)
+    if is_fusable(rows):
+        from geoprior.policies.fused._kernels import scatter_cells
+
+        of_x = rows.new_empty(batch, height, width, channels)
+        in_lanes(scatter_cells, rows.numel(), numbers_of(parts), kernel, stride, numbers_of(of_x))
+        return of_x.permute(0, 3, 1, 2)
     dtype = torch.promote_types(rows.dtype, torch.float32)
     padded = torch.zeros(batch, height + 2 * margin, width + 2 * margin, channels, dtype=dtype)
-    views = _shifted(padded, x, kernel, stride)
-    h, w = _size(x, stride)
-    parts = rows.view(batch, h, w, kernel, kernel, channels)
-    for row, column, view in views:
+    for row, column, view in _shifted(padded, x, kernel, stride):
         view += parts[:, :, :, row, column]
     inner = padded[:, margin : margin + height, margin : margin + width]
     return inner.to(rows.dtype).permute(0, 3, 1, 2)

@@ -13,6 +13,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from geoprior.policies._convolution import convolve
+from geoprior.policies.fused.maps import affine_relu, batch_norm_relu, max_pool
 
 if TYPE_CHECKING:
     from geoprior.policies.policy import TrunkNorm
@@ -69,6 +70,15 @@ class Convolution(nn.Conv2d):
         normalised: Tensor = norm(convolve(x, self.weight, None, self.stride[0]))
         return normalised
 
+    def activated(self, x: Tensor, norm: nn.Module, residual: Tensor | None = None) -> Tensor:
+        """The ReLU of the same and of what is added to it."""
+        if torch.is_grad_enabled() and isinstance(norm, FrozenBatchNorm):
+            return affine_relu(convolve(x, self.weight, None, self.stride[0]), *affine(norm), residual)
+        if torch.is_grad_enabled() and isinstance(norm, nn.BatchNorm2d) and norm.training:
+            return batch_norm_relu(convolve(x, self.weight, None, self.stride[0]), norm, residual)
+        x = self.normalised(x, norm)
+        return functional.relu(x if residual is None else x + residual, inplace=True)
+
     def _fold(self, norm: FrozenBatchNorm | nn.BatchNorm2d) -> tuple[Tensor, Tensor]:
         """Weight and bias, kept until a tensor that they come from is written to."""
         sources = (self.weight, *norm.parameters(), *norm.buffers())
@@ -107,8 +117,7 @@ class _Block(nn.Module):
         if self.downsample is not None:
             conv, norm = self.downsample
             residual = cast("Convolution", conv).normalised(x, norm)
-        x = functional.relu(self.conv1.normalised(x, self.bn1), inplace=True)
-        return functional.relu(self.conv2.normalised(x, self.bn2) + residual, inplace=True)
+        return self.conv2.activated(self.conv1.activated(x, self.bn1), self.bn2, residual)
 
 
 class ResNet18(nn.Module):
@@ -139,7 +148,6 @@ class ResNet18(nn.Module):
 
     def forward(self, images: Tensor) -> Tensor:
         """(B, 3, H, W) normalised frames to (B, channels, ceil(H / 32), ceil(W / 32))."""
-        x = functional.relu(self.conv1.normalised(images, self.bn1), inplace=True)
-        x = functional.max_pool2d(x, 3, 2, 1)
+        x = max_pool(self.conv1.activated(images, self.bn1))
         features: Tensor = self.layer4(self.layer3(self.layer2(self.layer1(x))))
         return features

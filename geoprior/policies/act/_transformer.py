@@ -11,7 +11,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from geoprior.policies.act._dropout import dropout
+from geoprior.policies.fused.products import lay_out, linear
+from geoprior.policies.fused.tokens import add_norm, attention_weights, relu_drop, split_heads
 
 
 class Attention(nn.Module):
@@ -20,17 +21,17 @@ class Attention(nn.Module):
     def __init__(self, dim: int, heads: int, dropout: float) -> None:
         super().__init__()
         self.heads, self.dropout = heads, dropout
-        self.in_proj_weight = nn.Parameter(torch.empty(3 * dim, dim))
+        self.in_proj_weight = lay_out(nn.Parameter(torch.empty(3 * dim, dim)))
         self.in_proj_bias = nn.Parameter(torch.zeros(3 * dim))
         self.out_proj = nn.Linear(dim, dim)
         nn.init.xavier_uniform_(self.in_proj_weight)
         nn.init.zeros_(self.out_proj.bias)
 
     def attend_self(self, x: Tensor, position: Tensor, mask: Tensor | None = None) -> Tensor:
-        """Attend among the tokens of ``x``.
+        """Attend among the tokens of ``x``; the bias of ``out_proj`` is left to whoever adds the result.
 
-        ``W (x + position)`` is computed as ``W x + W position``: one product for queries, keys and
-        values, and a small one for the positions, which the batch shares.
+        ``W (x + position)`` is computed as ``W x + W position``, all of it in one product: the batch shares
+        the positions, and values have none.
 
         Args:
             x: (B, T, dim).
@@ -40,54 +41,63 @@ class Attention(nn.Module):
         Returns:
             (B, T, dim)
         """
-        dim = x.shape[-1]
-        shift = functional.linear(position, self.in_proj_weight)[:, : 2 * dim]
-        projected = functional.linear(x, self.in_proj_weight, self.in_proj_bias)
-        query, key, value = (projected + functional.pad(shift, (0, dim))).chunk(3, dim=-1)
-        return self._attend(query, key, value, mask)
+        rows = torch.cat([x.flatten(0, 1), position])
+        projected = linear(rows, self.in_proj_weight)
+        return self._attend(*split_heads(projected, self.in_proj_bias, x.shape[1], self.heads), mask)
 
     def attend_memory(self, query: Tensor, key: Tensor, value: Tensor) -> Tensor:
-        """(B, T, dim) queries look at (B, S, dim) keys and values, positions added already."""
+        """(B, T, dim) queries look at (B, S, dim) keys and values, positions added already; else the same."""
         sources = zip(
             (query, key, value), self.in_proj_weight.chunk(3), self.in_proj_bias.chunk(3), strict=True
         )
-        projected = [functional.linear(x, weight, bias) for x, weight, bias in sources]
+        projected = [self._split(functional.linear(x, weight, bias)) for x, weight, bias in sources]
         return self._attend(*projected)
 
     def _attend(self, query: Tensor, key: Tensor, value: Tensor, mask: Tensor | None = None) -> Tensor:
-        query, key, value = (self._split(x) for x in (query, key, value))
-        scores = query @ key.transpose(-2, -1) * query.shape[-1] ** -0.5
-        if mask is not None:
-            scores = scores.masked_fill(~mask[:, None, None, :], float("-inf"))
-        weights = dropout(scores.softmax(dim=-1), self.dropout, training=self.training).to(value.dtype)
-        joined: Tensor = self.out_proj((weights @ value).transpose(1, 2).flatten(2))
-        return joined
+        scale = query.shape[-1] ** -0.5
+        scores = query @ key.transpose(-2, -1)
+        weights = attention_weights(scores, mask, scale, self.dropout, training=self.training)
+        attended = (weights.to(value.dtype) @ value).transpose(1, 2).flatten(2)
+        return linear(attended, self.out_proj.weight)
 
     def _split(self, x: Tensor) -> Tensor:
         return x.view(*x.shape[:-1], self.heads, -1).transpose(1, 2)
 
 
-class EncoderLayer(nn.Module):
+class _Layer(nn.Module):
+    """What encoder and decoder layers share: a feed-forward part, and norms after what is added."""
+
+    def __init__(self, dim: int, ffn: int, dropout: float) -> None:
+        super().__init__()
+        self.dropout = dropout
+        self.linear1 = nn.Linear(dim, ffn)
+        self.linear2 = nn.Linear(ffn, dim)
+        lay_out(self.linear1.weight)
+
+    def _feed_forward(self, x: Tensor, norm: nn.LayerNorm) -> Tensor:
+        hidden = linear(x, self.linear1.weight)
+        hidden = relu_drop(hidden, self.linear1.bias, self.dropout, training=self.training)
+        return self._add_norm(x, linear(hidden, self.linear2.weight), self.linear2, norm)
+
+    def _add_norm(self, x: Tensor, branch: Tensor, last: nn.Linear, norm: nn.LayerNorm) -> Tensor:
+        """The bias of the branch's last product is added here."""
+        return add_norm(x, branch, last.bias, norm, self.dropout, training=self.training)
+
+
+class EncoderLayer(_Layer):
     """Self-attention, then a feed-forward layer."""
 
     def __init__(self, dim: int, heads: int, ffn: int, dropout: float) -> None:
-        super().__init__()
-        self.dropout = dropout
+        super().__init__(dim, ffn, dropout)
         self.self_attn = Attention(dim, heads, dropout)
-        self.linear1 = nn.Linear(dim, ffn)
-        self.linear2 = nn.Linear(ffn, dim)
         self.norm1 = nn.LayerNorm(dim)
         self.norm2 = nn.LayerNorm(dim)
 
     def forward(self, x: Tensor, position: Tensor, mask: Tensor | None = None) -> Tensor:
         """(B, T, dim) with positions (T, dim) and a mask (B, T), true for tokens that count."""
-        x = self.norm1(x + self._drop(self.self_attn.attend_self(x, position, mask)))
-        hidden = self._drop(functional.relu(self.linear1(x)))
-        normalised: Tensor = self.norm2(x + self._drop(self.linear2(hidden)))
-        return normalised
-
-    def _drop(self, x: Tensor) -> Tensor:
-        return dropout(x, self.dropout, training=self.training)
+        attended = self.self_attn.attend_self(x, position, mask)
+        x = self._add_norm(x, attended, self.self_attn.out_proj, self.norm1)
+        return self._feed_forward(x, self.norm2)
 
 
 class Encoder(nn.Module):
@@ -104,31 +114,24 @@ class Encoder(nn.Module):
         return x
 
 
-class DecoderLayer(nn.Module):
+class DecoderLayer(_Layer):
     """Self-attention among the queries, attention to the memory, then a feed-forward layer."""
 
     def __init__(self, dim: int, heads: int, ffn: int, dropout: float) -> None:
-        super().__init__()
-        self.dropout = dropout
+        super().__init__(dim, ffn, dropout)
         self.self_attn = Attention(dim, heads, dropout)
         self.multihead_attn = Attention(dim, heads, dropout)
-        self.linear1 = nn.Linear(dim, ffn)
-        self.linear2 = nn.Linear(ffn, dim)
         self.norm1 = nn.LayerNorm(dim)
         self.norm2 = nn.LayerNorm(dim)
         self.norm3 = nn.LayerNorm(dim)
 
     def forward(self, x: Tensor, position: Tensor, memory: Tensor, memory_position: Tensor) -> Tensor:
         """(B, T, dim) queries and (B, S, dim) memory, with positions (T, dim) and (S, dim)."""
-        x = self.norm1(x + self._drop(self.self_attn.attend_self(x, position)))
+        attended = self.self_attn.attend_self(x, position)
+        x = self._add_norm(x, attended, self.self_attn.out_proj, self.norm1)
         attended = self.multihead_attn.attend_memory(x + position, memory + memory_position, memory)
-        x = self.norm2(x + self._drop(attended))
-        hidden = self._drop(functional.relu(self.linear1(x)))
-        normalised: Tensor = self.norm3(x + self._drop(self.linear2(hidden)))
-        return normalised
-
-    def _drop(self, x: Tensor) -> Tensor:
-        return dropout(x, self.dropout, training=self.training)
+        x = self._add_norm(x, attended, self.multihead_attn.out_proj, self.norm2)
+        return self._feed_forward(x, self.norm3)
 
 
 class Decoder(nn.Module):
