@@ -6,7 +6,7 @@ Tensors are named as torchvision names them.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, TypeGuard, cast
 
 import torch
 from torch import Tensor, nn
@@ -14,6 +14,7 @@ from torch.nn import functional
 
 from geoprior.policies._convolution import convolve
 from geoprior.policies.fused.maps import affine_relu, batch_norm_relu, max_pool
+from geoprior.policies.fused.packed import is_packable, pack_kernel, packed_convolution
 
 if TYPE_CHECKING:
     from geoprior.policies.policy import TrunkNorm
@@ -61,12 +62,14 @@ class Convolution(nn.Conv2d):
     def __init__(self, inputs: int, outputs: int, kernel: int, stride: int) -> None:
         super().__init__(inputs, outputs, kernel, stride, kernel // 2, bias=False)
         self._folded: tuple[tuple[object, ...], Tensor, Tensor] | None = None
+        self._packed: tuple[tuple[object, ...], Tensor, Tensor] | None = None
 
     def normalised(self, x: Tensor, norm: nn.Module) -> Tensor:
         """Convolve (B, C, H, W) and normalise; at once where the norm is fixed and nothing is learned."""
-        fixed = isinstance(norm, FrozenBatchNorm) or (isinstance(norm, nn.BatchNorm2d) and not norm.training)
-        if fixed and not torch.is_grad_enabled():
-            return convolve(x, *self._fold(cast("nn.BatchNorm2d", norm)), self.stride[0])
+        if _is_fixed(norm):
+            if is_packable(x):
+                return self._run_packed(x, norm, relu=False, residual=None)
+            return convolve(x, *self._fold(norm), self.stride[0])
         normalised: Tensor = norm(convolve(x, self.weight, None, self.stride[0]))
         return normalised
 
@@ -76,8 +79,24 @@ class Convolution(nn.Conv2d):
             return affine_relu(convolve(x, self.weight, None, self.stride[0]), *affine(norm), residual)
         if torch.is_grad_enabled() and isinstance(norm, nn.BatchNorm2d) and norm.training:
             return batch_norm_relu(convolve(x, self.weight, None, self.stride[0]), norm, residual)
+        if _is_fixed(norm) and is_packable(x):
+            return self._run_packed(x, norm, relu=True, residual=residual)
         x = self.normalised(x, norm)
         return functional.relu(x if residual is None else x + residual, inplace=True)
+
+    def _run_packed(
+        self, x: Tensor, norm: FrozenBatchNorm | nn.BatchNorm2d, *, relu: bool, residual: Tensor | None
+    ) -> Tensor:
+        """Weights keep the layout that they have for the shape and type of x, until they are written to."""
+        dtype = torch.get_autocast_dtype("cpu") if torch.is_autocast_enabled("cpu") else x.dtype
+        weight, shift = self._fold(norm)
+        state = (id(weight), x.shape, dtype)  # the folded weight lives as long as this one is of use
+        if self._packed is None or self._packed[0] != state:
+            self._packed = (state, pack_kernel(weight.to(dtype), self.stride[0], x.shape), shift.to(dtype))
+        kernel, stride = self.kernel_size[0], self.stride[0]
+        return packed_convolution(
+            x.to(dtype), *self._packed[1:], kernel, stride, relu=relu, residual=residual
+        )
 
     def _fold(self, norm: FrozenBatchNorm | nn.BatchNorm2d) -> tuple[Tensor, Tensor]:
         """Weight and bias, kept until a tensor that they come from is written to."""
@@ -88,6 +107,12 @@ class Convolution(nn.Conv2d):
             weight = (self.weight * scale[:, None, None, None]).to(self.weight.dtype)
             self._folded = (state, weight.contiguous(memory_format=torch.channels_last), shift)
         return self._folded[1:]
+
+
+def _is_fixed(norm: nn.Module) -> TypeGuard[FrozenBatchNorm | nn.BatchNorm2d]:
+    """Whether it is one affine map for all, and nothing is learned."""
+    fixed = isinstance(norm, FrozenBatchNorm) or (isinstance(norm, nn.BatchNorm2d) and not norm.training)
+    return fixed and not torch.is_grad_enabled()
 
 
 def _group_norm(channels: int) -> nn.Module:

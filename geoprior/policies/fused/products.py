@@ -15,6 +15,7 @@ from torch.nn import functional
 
 from geoprior.lanes import in_lanes, numbers_of
 from geoprior.policies.fused._passes import is_fusable
+from geoprior.policies.fused.packed import is_packable, packed_linear
 
 _COLUMNS = 256
 """Of a block."""
@@ -44,6 +45,8 @@ def linear(x: Tensor, weight: Tensor) -> Tensor:
     """
     if x.device.type != "cpu" or torch.compiler.is_compiling() or not _in_bfloat16(x):
         return functional.linear(x, weight)
+    if weight.dtype == torch.bfloat16 and is_packable(x):
+        return packed_linear(x.flatten(0, -2).to(weight.dtype), weight).view(*x.shape[:-1], -1)
     rows = cast("Tensor", _Linear.apply(x.flatten(0, -2), weight))  # type: ignore[no-untyped-call]
     return rows.view(*x.shape[:-1], -1)
 
