@@ -27,6 +27,7 @@ from geoprior.bench.inference import make_predictor, times_of_predictions
 from geoprior.bench.metrics import Metric, at_least, at_most, report
 from geoprior.bench.training import LARGE, machine_rates, make_source, make_training, times_of_steps
 from geoprior.files import write_json
+from geoprior.training.machine import arithmetic
 from geoprior.training.optimise import make_optimizer
 
 WORKER = Path(__file__).with_name("lerobot_act.py")
@@ -52,12 +53,17 @@ class LeRobot:
 
 def measure_training(lerobot: LeRobot, rounds: int, steps: int) -> Iterator[Metric]:
     """Steps of both sides, in turn."""
-    with tempfile.TemporaryDirectory() as folder, closing(make_source(Path(folder))) as source:
+    threads = torch.get_num_threads()
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        closing(make_source(Path(folder))) as source,
+        arithmetic(threads),
+    ):
         for size in BATCHES:
             sides = {}
             for precision in PRECISIONS:
                 options = {"gradient_clip": CLIP, "learning_rate": 1e-5, "image_noise": 0.0}
-                training = make_training(source, LARGE, size, precision, torch.get_num_threads(), **options)
+                training = make_training(source, LARGE, size, precision, threads, **options)
                 optimizer = make_optimizer(training.config, training.policy, training.machine)
                 sides[precision] = (training, optimizer, training.batches.batch(0))
                 times_of_steps(*sides[precision], 2)

@@ -29,7 +29,7 @@ from geoprior.training.adamw import AdamW
 from geoprior.training.config import TrainConfig
 from geoprior.training.data import Batches, features_of, statistics_of
 from geoprior.training.loop import Training
-from geoprior.training.machine import Machine
+from geoprior.training.machine import Machine, arithmetic
 from geoprior.training.optimise import make_optimizer, take_step
 from geoprior.training.stages import build_policy
 
@@ -72,7 +72,11 @@ def measure_quickly() -> Iterator[Metric]:
 
 def _measure(*, rounds: int, steps: int, goals: bool) -> Iterator[Metric]:
     threads = torch.get_num_threads()
-    with tempfile.TemporaryDirectory() as folder, closing(make_source(Path(folder))) as source:
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        closing(make_source(Path(folder))) as source,
+        arithmetic(threads),
+    ):
         yield from _measure_loop(source, rounds * steps, threads, goals=goals)
         measured = _Rounds(threads, rounds, steps)
         yield from measured.steps_of(source, "compact", COMPACT, 64, "bf16")
