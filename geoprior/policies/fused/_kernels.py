@@ -297,6 +297,28 @@ def draw_mask(
         mask[i] = np.float32(0.0) if levels[i] < dropped else kept
 
 
+@compiled
+def exponentiate(x: NDArray[np.float32]) -> None:
+    """Replace numbers that are not above zero by their exponentials, to two units in the last place.
+
+    Cephes' reduction and polynomial (Moshier 1989): numba's own exponential takes numbers one by one. What
+    would be below the smallest normal number becomes zero.
+    """
+    lowest, one, half = np.float32(-87.0), np.float32(1.0), np.float32(0.5)
+    for i in range(x.size):
+        value = x[i] if x[i] > lowest or x[i] != x[i] else lowest
+        power = np.floor(value * np.float32(1.44269504) + half)
+        rest = value - power * np.float32(0.693359375) + power * np.float32(2.12194440e-4)
+        series = np.float32(1.9875691500e-4) * rest + np.float32(1.3981999507e-3)
+        series = series * rest + np.float32(8.3334519073e-3)
+        series = series * rest + np.float32(4.1665795894e-2)
+        series = series * rest + np.float32(1.6666665459e-1)
+        series = series * rest + np.float32(5.0000001201e-1)
+        scale = np.int32((np.int32(power) + np.int32(127)) << np.int32(23)).view(np.float32)
+        result = (series * rest * rest + rest + one) * scale
+        x[i] = np.float32(0.0) if x[i] <= lowest else result
+
+
 @shared_sums
 def drop_add_norm(
     lanes: int,
@@ -503,32 +525,40 @@ def softmax_drop(
         kept: The same after it.
     """
     slabs, queries, keys = scores.shape
-    factor = np.float32(scale)
+    size = queries * keys
+    given, out, left = scores.reshape(slabs, size), weights.reshape(slabs, size), kept.reshape(slabs, size)
+    factor, nowhere = np.float32(scale), np.float32(-np.inf)
     heads = slabs // max(valid.shape[0], 1)
     for lane in prange(lanes):
-        words, mask = np.empty((keys + 7) // 8, np.uint64), np.empty(keys, np.float32)
-        values = np.empty(keys, np.float32)
-        for slab in range(len(scores) * lane // lanes, len(scores) * (lane + 1) // lanes):
+        words, mask = np.empty((size + 7) // 8, np.uint64), np.empty(size, np.float32)
+        values = np.empty(size, np.float32)
+        for slab in range(slabs * lane // lanes, slabs * (lane + 1) // lanes):
+            for i in range(size):
+                values[i] = widen(given[slab, i]) * factor
             for query in range(queries):
-                given, out, left = scores[slab, query], weights[slab, query], kept[slab, query]
-                for i in range(keys):
-                    values[i] = widen(given[i]) * factor
+                row = values[query * keys : (query + 1) * keys]
                 if valid.shape[0] > 0:
-                    allowed = valid[slab // heads]
-                    for i in range(keys):
-                        values[i] = values[i] if allowed[i] else np.float32(-np.inf)
-                largest = values.max()
+                    for key in range(keys):
+                        row[key] = row[key] if valid[slab // heads, key] else nowhere
+                largest = nowhere
+                for key in range(keys):
+                    largest = max(largest, row[key])
+                for key in range(keys):
+                    row[key] -= largest
+            exponentiate(values)
+            for query in range(queries):
+                row = values[query * keys : (query + 1) * keys]
                 total = np.float32(0.0)
-                for i in range(keys):
-                    values[i] = np.exp(values[i] - largest)
-                for i in range(keys):
-                    total += values[i]
+                for key in range(keys):
+                    total += row[key]
                 total = np.float32(1.0) / total
-                draw_mask(seed, dropped, slab * queries + query, words, mask)
-                for i in range(keys):
-                    values[i] *= total
-                    out[i] = narrow(values[i], out)
-                    left[i] = narrow(values[i] * mask[i], left)
+                for key in range(keys):
+                    row[key] *= total
+            draw_mask(seed, dropped, slab, words, mask)
+            for i in range(size):
+                out[slab, i] = narrow(values[i], out)
+            for i in range(size):
+                left[slab, i] = narrow(values[i] * mask[i], left)
 
 
 @shared_sums
@@ -552,20 +582,31 @@ def softmax_drop_back(
         dropped: As it was.
         of_scores: (slabs, queries, keys) result.
     """
-    queries, keys = gradient.shape[1:]
+    slabs, queries, keys = gradient.shape
+    size = queries * keys
+    slopes, given = gradient.reshape(slabs, size), weights.reshape(slabs, size)
+    out = of_scores.reshape(slabs, size)
     factor = np.float32(scale)
     for lane in prange(lanes):
-        words, mask = np.empty((keys + 7) // 8, np.uint64), np.empty(keys, np.float32)
-        for slab in range(len(gradient) * lane // lanes, len(gradient) * (lane + 1) // lanes):
+        words, mask = np.empty((size + 7) // 8, np.uint64), np.empty(size, np.float32)
+        share = np.empty(size, np.float32)
+        for slab in range(slabs * lane // lanes, slabs * (lane + 1) // lanes):
+            draw_mask(seed, dropped, slab, words, mask)
+            for i in range(size):
+                mask[i] *= widen(slopes[slab, i])
+                share[i] = widen(given[slab, i])
             for query in range(queries):
-                slopes, given, out = gradient[slab, query], weights[slab, query], of_scores[slab, query]
-                draw_mask(seed, dropped, slab * queries + query, words, mask)
+                row, of_row = (
+                    share[query * keys : (query + 1) * keys],
+                    mask[query * keys : (query + 1) * keys],
+                )
                 total = np.float32(0.0)
-                for i in range(keys):
-                    mask[i] *= widen(slopes[i])
-                    total += mask[i] * widen(given[i])
-                for i in range(keys):
-                    out[i] = narrow(factor * widen(given[i]) * (mask[i] - total), out)
+                for key in range(keys):
+                    total += of_row[key] * row[key]
+                for key in range(keys):
+                    of_row[key] -= total
+            for i in range(size):
+                out[slab, i] = narrow(factor * share[i] * mask[i], out)
 
 
 @shared

@@ -1,11 +1,13 @@
 """Passes over tokens, against torch's operators in float64, and their dropout."""
 
+import numpy as np
 import pytest
 import torch
 from torch import nn
 from torch.nn import functional
 
 from geoprior.policies.fused import tokens
+from geoprior.policies.fused._kernels import exponentiate
 from geoprior.policies.fused.tokens import add_norm, attention_weights, relu_drop, split_heads
 
 TYPES = {torch.float32: 1e-5, torch.bfloat16: 1.5e-2}
@@ -179,3 +181,15 @@ def test_a_query_that_sees_nothing_is_nan_as_in_torch(dtype):
     weights = attention_weights(torch.zeros(1, 1, 2, 4, dtype=dtype), mask, 1.0, 0.0, training=False)
     assert weights.isnan().all()
     assert functional.softmax(torch.full((4,), -torch.inf), dim=0).isnan().all()
+
+
+def test_exponentials_below_zero():
+    x = np.linspace(-86.9, 0.0, 1_000_001).astype(np.float32)
+    found = x.copy()
+    exponentiate(found)
+    exact = np.exp(x.astype(np.float64))
+    assert np.abs(found / exact - 1.0).max() < 2.0**-22
+    assert (np.diff(found) >= -(2.0**-22) * found[1:]).all()
+    edges = np.array([0.0, -np.inf, -1e30, np.nan], np.float32)
+    exponentiate(edges)
+    np.testing.assert_array_equal(edges, [1.0, 0.0, 0.0, np.nan])
