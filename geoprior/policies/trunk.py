@@ -90,13 +90,17 @@ class Convolution(nn.Conv2d):
         """Weights keep the layout that they have for the shape and type of x, until they are written to."""
         dtype = torch.get_autocast_dtype("cpu") if torch.is_autocast_enabled("cpu") else x.dtype
         weight, shift = self._fold(norm)
-        state = (id(weight), x.shape, dtype)  # the folded weight lives as long as this one is of use
+        state = (cast("tuple[object, ...]", self._folded)[0], x.shape, dtype)
         if self._packed is None or self._packed[0] != state:
             self._packed = (state, pack_kernel(weight.to(dtype), self.stride[0], x.shape), shift.to(dtype))
         kernel, stride = self.kernel_size[0], self.stride[0]
         return packed_convolution(
             x.to(dtype), *self._packed[1:], kernel, stride, relu=relu, residual=residual
         )
+
+    def __getstate__(self) -> dict[str, object]:
+        """Copies derive anew what they keep."""
+        return {**self.__dict__, "_folded": None, "_packed": None}
 
     def _fold(self, norm: FrozenBatchNorm | nn.BatchNorm2d) -> tuple[Tensor, Tensor]:
         """Weight and bias, kept until a tensor that they come from is written to."""

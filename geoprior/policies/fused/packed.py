@@ -19,9 +19,10 @@ _kept: MutableMapping[Tensor, tuple[tuple[int, ...], Tensor]] = WeakIdKeyDiction
 
 
 def is_packable(x: Tensor) -> bool:
-    """Whether nothing is learned or traced, and torch was built with oneDNN for this device."""
+    """Whether nothing is learned or traced, and torch was built with oneDNN for this device and type."""
     quiet = not torch.is_grad_enabled() and not torch.compiler.is_compiling()
-    return quiet and x.device.type == "cpu" and _has_operators()
+    fit = x.device.type == "cpu" and x.dtype in {torch.float32, torch.bfloat16}
+    return quiet and fit and _has_operators()
 
 
 def packed_linear(x: Tensor, weight: Tensor) -> Tensor:

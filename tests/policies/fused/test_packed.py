@@ -1,5 +1,7 @@
 """Weights in oneDNN's layout: the same products, and never those of yesterday's weights."""
 
+import copy
+
 import pytest
 import torch
 from torch import nn
@@ -97,6 +99,26 @@ def test_the_trunk_follows_its_weights_and_the_sizes_of_maps():
             torch.testing.assert_close(trunk(x), expected, rtol=1e-4, atol=1e-4)
             trunk.layer2[0].conv1.weight.mul_(1.5)
             trunk.bn1.running_mean.add_(0.1)
+
+
+def test_a_copy_of_a_trunk_that_has_predicted_predicts_the_same():
+    torch.manual_seed(0)
+    trunk = ResNet18(8, "frozen").to(memory_format=torch.channels_last).eval()
+    x = torch.randn(1, 3, 64, 64)
+    with torch.no_grad():
+        seen = trunk(x)
+        twin = copy.deepcopy(trunk)
+        assert torch.equal(twin(x), seen)
+        twin.conv1.weight.zero_()
+        assert torch.equal(trunk(x), seen)
+
+
+def test_other_types_of_numbers_go_the_plain_way():
+    trunk = ResNet18(8, "batch").double().eval()
+    x = torch.randn(1, 3, 64, 64, dtype=torch.float64)
+    expected = trunk(x).detach()
+    with torch.no_grad():
+        torch.testing.assert_close(trunk(x), expected, rtol=1e-9, atol=1e-9)
 
 
 def test_a_convolution_without_a_relu_is_normalised_too():
