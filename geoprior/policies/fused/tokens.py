@@ -82,7 +82,7 @@ def split_heads(projected: Tensor, bias: Tensor, tokens: int, heads: int) -> tup
     if is_fusable(projected):
         split = _SplitHeads.apply(parts, bias.view(parts.shape[2:]))  # type: ignore[no-untyped-call]
         return cast("tuple[Tensor, Tensor, Tensor]", split)
-    samples, positions = parts[:-1], parts[-1].clone()
+    samples, positions = parts[:-1], parts[-1]
     positions = torch.cat([positions[:, :2], torch.zeros_like(positions[:, 2:])], dim=1)
     moved = samples + positions + bias.to(projected.dtype).view(parts.shape[2:])
     query, key, value = moved.permute(2, 0, 3, 1, 4)

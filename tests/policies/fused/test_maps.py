@@ -10,7 +10,7 @@ from torch.nn import functional
 from geoprior.policies.fused import maps
 from geoprior.policies.fused.maps import affine_relu, batch_norm_relu, max_pool
 
-SHAPES = [(2, 8, 3, 5), (3, 64, 6, 6), (1, 24, 7, 1), (16, 32, 12, 12)]
+SHAPES = [(2, 8, 3, 5), (5, 8, 1, 1), (3, 1, 4, 4), (3, 64, 6, 6), (1, 24, 7, 1), (16, 32, 12, 12)]
 TYPES = {torch.float32: 1e-5, torch.bfloat16: 2e-2}
 
 
