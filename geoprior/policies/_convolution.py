@@ -14,7 +14,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from geoprior.lanes import in_lanes, numbers_of
-from geoprior.policies.fused._passes import is_fusable
+from geoprior.policies.fused._passes import at_work, is_fusable
 from geoprior.policies.fused.products import contract, correlate
 
 _FEW_CELLS = 16
@@ -42,7 +42,7 @@ def convolve(x: Tensor, weight: Tensor, bias: Tensor | None, stride: int) -> Ten
     elsewhere = x.device.type != "cpu" or torch.compiler.is_compiling()
     if elsewhere or (cells > _SOME_CELLS and kernel > 1):
         return functional.conv2d(x, weight, bias, stride, kernel // 2)
-    convolved = cast("Tensor", _Convolution.apply(x, weight, stride))  # type: ignore[no-untyped-call]
+    convolved = cast("Tensor", _Convolution.apply(at_work(x), weight, stride))  # type: ignore[no-untyped-call]
     return convolved if bias is None else convolved + bias.to(convolved.dtype)[:, None, None]
 
 
@@ -50,9 +50,8 @@ class _Convolution(torch.autograd.Function):
     """The passes of a convolution without bias."""
 
     @staticmethod
-    @torch.amp.custom_fwd(device_type="cpu", cast_inputs=torch.bfloat16)  # type: ignore[untyped-decorator]
     def forward(ctx: Any, x: Tensor, weight: Tensor, stride: int) -> Tensor:
-        ctx.stride = stride
+        ctx.stride, weight = stride, weight.to(x.dtype)
         if not _as_product(x, weight, stride):
             ctx.save_for_backward(x, weight, None)
             return functional.conv2d(x, weight, None, stride, weight.shape[-1] // 2)
@@ -61,7 +60,7 @@ class _Convolution(torch.autograd.Function):
         return _maps(contract(seen, _matrix(weight)), x, stride)
 
     @staticmethod
-    @torch.amp.custom_bwd(device_type="cpu")  # type: ignore[untyped-decorator]
+    @torch.autograd.function.once_differentiable
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, Tensor | None, None]:
         x, weight, seen = ctx.saved_tensors
         kernel, stride = weight.shape[-1], ctx.stride

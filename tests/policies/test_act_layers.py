@@ -6,6 +6,7 @@ import pytest
 import torch
 from torch import nn
 
+from geoprior.policies.act import _transformer
 from geoprior.policies.act._positions import sinusoid_1d, sinusoid_2d
 from geoprior.policies.act._transformer import Attention, DecoderLayer, EncoderLayer
 from geoprior.policies.trunk import FrozenBatchNorm, ResNet18
@@ -20,19 +21,26 @@ def randomised(module, seed):
     return module
 
 
-def test_attention_is_torchs_with_positions_on_queries_and_keys_only():
+@pytest.fixture(params=[True, False], ids=["blocks", "operators"])
+def way(request, monkeypatch):
+    """Layers are computed by the fused blocks, or by torch's operators."""
+    if not request.param:
+        monkeypatch.setattr(_transformer, "is_fusable", lambda *_: False)
+    return request.param
+
+
+def test_attention_is_torchs():
     reference = randomised(nn.MultiheadAttention(DIM, HEADS, batch_first=True), 1)
     ours = Attention(DIM, HEADS, 0.0)
     ours.load_state_dict(reference.state_dict())
-    x, position = torch.randn(4, TOKENS, DIM), torch.randn(TOKENS, DIM)
+    query, key, value = torch.randn(4, 3, DIM), torch.randn(4, TOKENS, DIM), torch.randn(4, TOKENS, DIM)
     mask = torch.rand(4, TOKENS) < 0.7
     mask[:, 0] = True
-    expected, _ = reference(x + position, x + position, x, key_padding_mask=~mask)
-    found = ours.attend_self(x, position, mask) + ours.out_proj.bias
-    torch.testing.assert_close(found, expected, atol=1e-6, rtol=1e-5)
+    expected, _ = reference(query, key, value, key_padding_mask=~mask)
+    torch.testing.assert_close(ours(query, key, value, mask), expected, atol=1e-6, rtol=1e-5)
 
 
-def test_encoder_layer_is_torchs_post_norm_layer():
+def test_encoder_layer_is_torchs_post_norm_layer(way):
     reference = randomised(nn.TransformerEncoderLayer(DIM, HEADS, FFN, 0.0, batch_first=True), 2)
     ours = EncoderLayer(DIM, HEADS, FFN, 0.0)
     ours.load_state_dict(reference.state_dict())
@@ -43,7 +51,7 @@ def test_encoder_layer_is_torchs_post_norm_layer():
     torch.testing.assert_close(found, expected, atol=1e-5, rtol=1e-5)
 
 
-def test_decoder_layer_is_torchs_post_norm_layer():
+def test_decoder_layer_is_torchs_post_norm_layer(way):
     reference = randomised(nn.TransformerDecoderLayer(DIM, HEADS, FFN, 0.0, batch_first=True), 3)
     ours = DecoderLayer(DIM, HEADS, FFN, 0.0)
     ours.load_state_dict(reference.state_dict())
@@ -52,7 +60,7 @@ def test_decoder_layer_is_torchs_post_norm_layer():
     torch.testing.assert_close(found, reference(x, memory), atol=1e-5, rtol=1e-5)
 
 
-def test_decoder_adds_positions_to_queries_and_keys_never_to_values():
+def test_decoder_adds_positions_to_queries_and_keys_never_to_values(way):
     layer = randomised(DecoderLayer(DIM, HEADS, FFN, 0.0), 4)
     x, position = torch.randn(2, 5, DIM), torch.randn(5, DIM)
     memory, memory_position = torch.randn(2, TOKENS, DIM), torch.randn(TOKENS, DIM)

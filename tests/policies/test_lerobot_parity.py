@@ -15,10 +15,10 @@ import torch
 from safetensors import safe_open
 
 from geoprior.errors import DataError
+from geoprior.policies.act import _transformer
 from geoprior.policies.act._network import ActNetwork
 from geoprior.policies.act.lerobot_names import MODULES, OPTIONS, POSITION_TABLE, from_lerobot, to_lerobot
 from geoprior.policies.act.plugin import ActConfig
-from geoprior.policies.fused import tokens
 from geoprior.policies.policy import Features
 from geoprior.policies.predictor import to_commands
 from geoprior.sim.ensembling import TemporalEnsemble
@@ -152,8 +152,8 @@ def test_dropout_is_in_the_same_places(case, monkeypatch):
         assert training
         return x * (1.0 + probability * torch.cos(torch.arange(x.shape[-1], dtype=x.dtype)))
 
-    monkeypatch.setattr(tokens, "is_fusable", lambda *_: False)
-    monkeypatch.setattr(tokens.functional, "dropout", pattern)
+    monkeypatch.setattr(_transformer, "is_fusable", lambda *_: False)
+    monkeypatch.setattr(_transformer.functional, "dropout", pattern)
     for name, tensor in learn(case.network(dropout=0.5).train(), case).items():
         torch.testing.assert_close(tensor, case.golden[f"dropped_{name}"], **EXACT)
 

@@ -88,7 +88,7 @@ class ActNetwork(nn.Module):
         valid = functional.pad(batch["valid"], (2, 0), value=True)
         dtype = tokens[1].dtype
         x = torch.cat([token.to(dtype) for token in tokens], dim=1)
-        encoded = self.vae_encoder(x, self.vae_position.to(dtype), valid)[:, 0]
+        encoded = self.vae_encoder(x, self.vae_position.to(dtype), valid, wanted=1)[:, 0]
         mean, log_variance = self.vae_head(encoded).float().chunk(2, dim=-1)
         return mean, log_variance
 

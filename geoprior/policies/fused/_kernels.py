@@ -324,7 +324,9 @@ def drop_add_norm(
     lanes: int,
     x: Numbers,
     branch: Numbers,
-    affine: NDArray[np.float32],
+    weight: NDArray[np.float32],
+    shift: NDArray[np.float32],
+    bias: NDArray[np.float32],
     epsilon: float,
     seed: int,
     dropped: int,
@@ -338,7 +340,9 @@ def drop_add_norm(
         lanes: Threads to share the work.
         x: (rows, n)
         branch: (rows, n)
-        affine: (3, n) weight and bias of the norm, and the bias of the branch.
+        weight: (n,) of the norm.
+        shift: (n,) the norm's bias.
+        bias: (n,) of the branch.
         epsilon: Added to the variance.
         seed: Of the dropout.
         dropped: Of 256.
@@ -347,7 +351,6 @@ def drop_add_norm(
         moments: (rows, 2) mean and reciprocal deviation.
     """
     n = x.shape[1]
-    weight, bias, moved = affine[0], affine[1], affine[2]
     share = np.float32(1.0) / np.float32(n)
     for lane in prange(lanes):
         words, mask = np.empty((n + 7) // 8, np.uint64), np.empty(n, np.float32)
@@ -356,7 +359,7 @@ def drop_add_norm(
             draw_mask(seed, dropped, row, words, mask)
             one, other, between, out = x[row], branch[row], added[row], y[row]
             for i in range(n):
-                between[i] = narrow(widen(one[i]) + (widen(other[i]) + moved[i]) * mask[i], between)
+                between[i] = narrow(widen(one[i]) + (widen(other[i]) + bias[i]) * mask[i], between)
             total = np.float32(0.0)
             for i in range(n):
                 values[i] = widen(between[i])
@@ -368,7 +371,7 @@ def drop_add_norm(
                 square += values[i] * values[i]
             scale = np.float32(1.0) / np.sqrt(square * share + np.float32(epsilon))
             for i in range(n):
-                out[i] = narrow(values[i] * scale * weight[i] + bias[i], out)
+                out[i] = narrow(values[i] * scale * weight[i] + shift[i], out)
             moments[row, 0], moments[row, 1] = mean, scale
 
 
@@ -611,68 +614,60 @@ def softmax_drop_back(
 
 @shared
 def split_heads(
-    lanes: int,
-    projected: Numbers,
-    bias: NDArray[np.float32],
-    parts: tuple[Numbers, Numbers, Numbers],
+    lanes: int, projected: Numbers, bias: NDArray[np.float32], moved: int, split: Numbers
 ) -> None:
-    """Lay queries, keys and values out by heads, with positions added to the first two.
+    """Lay projections out by heads, with biases added and, to the first ones, what positions add.
 
     Args:
         lanes: Threads to share the work.
-        projected: (samples + 1, tokens, 3, heads, n): samples, and behind them what the positions add.
-        bias: (3, heads, n)
-        parts: Three times (samples, heads, tokens, n), results.
+        projected: (samples + 1, tokens, parts, heads, n): samples, and behind them what the positions add.
+        bias: (parts, heads, n)
+        moved: Parts that have positions.
+        split: (parts, samples, heads, tokens, n) result.
     """
-    _, tokens, _, heads, n = projected.shape
+    _, tokens, parts, heads, n = projected.shape
     samples = len(projected) - 1
     one, zero = np.float32(1.0), np.float32(0.0)
     for lane in prange(lanes):
         for sample in range(samples * lane // lanes, samples * (lane + 1) // lanes):
-            for part in range(3):
-                share = zero if part == 2 else one
+            for part in range(parts):
+                share = one if part < moved else zero
                 for token in range(tokens):
                     for head in range(heads):
-                        given, moved = (
-                            projected[sample, token, part, head],
-                            projected[samples, token, part, head],
-                        )
-                        added, out = bias[part, head], parts[part][sample, head, token]
+                        given = projected[sample, token, part, head]
+                        position = projected[samples, token, part, head]
+                        added, out = bias[part, head], split[part, sample, head, token]
                         for i in range(n):
-                            out[i] = narrow(widen(given[i]) + share * widen(moved[i]) + added[i], out)
+                            out[i] = narrow(widen(given[i]) + share * widen(position[i]) + added[i], out)
 
 
 @shared
 def join_heads(
-    lanes: int,
-    chunk: int,
-    parts: tuple[Numbers, Numbers, Numbers],
-    of_projected: Numbers,
-    totals: NDArray[np.float32],
+    lanes: int, chunk: int, gradients: Numbers, joined: Numbers, totals: NDArray[np.float32]
 ) -> None:
     """The gradients of `split_heads`, but that of what the positions add.
 
     Args:
         lanes: Threads to share the work.
         chunk: Samples in one.
-        parts: Three times (samples, heads, tokens, n).
-        of_projected: (samples + 1, tokens, 3, heads, n); gets all but the last.
-        totals: (chunks, tokens, 3, heads, n) result: the sum over each chunk of samples.
+        gradients: (parts, samples, heads, tokens, n)
+        joined: (samples + 1, tokens, parts, heads, n); gets all but the last.
+        totals: (chunks, tokens, parts, heads, n) result: the sum over each chunk of samples.
     """
-    _, tokens, _, heads, n = of_projected.shape
-    samples = len(of_projected) - 1
+    _, tokens, parts, heads, n = joined.shape
+    samples = len(joined) - 1
     for lane in prange(lanes):
         for number in range(len(totals) * lane // lanes, len(totals) * (lane + 1) // lanes):
             totals[number] = np.float32(0.0)
             for sample in range(number * chunk, min((number + 1) * chunk, samples)):
-                for part in range(3):
+                for part in range(parts):
                     for head in range(heads):
                         for token in range(tokens):
-                            given = parts[part][sample, head, token]
-                            out, total = (
-                                of_projected[sample, token, part, head],
-                                totals[number, token, part, head],
+                            given, out = (
+                                gradients[part, sample, head, token],
+                                joined[sample, token, part, head],
                             )
+                            total = totals[number, token, part, head]
                             for i in range(n):
                                 out[i] = given[i]
                             for i in range(n):

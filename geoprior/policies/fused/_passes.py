@@ -1,4 +1,4 @@
-"""What the functions of this package share: when they apply, and their random masks."""
+"""What the functions of this package share: when they apply, and in which type."""
 
 from __future__ import annotations
 
@@ -18,14 +18,9 @@ def is_fusable(*tensors: Tensor) -> bool:
     return on_cpu and types in ({torch.float32}, {torch.bfloat16}) and not torch.compiler.is_compiling()
 
 
-def levels_of(probability: float, *, training: bool) -> int:
-    """How many of `LEVELS` are dropped: 0.1 becomes 26/256 = 0.1016, and what is kept is scaled to fit."""
-    return round(probability * LEVELS) if training else 0
-
-
-def draw_seed(dropped: int) -> int:
-    """Of a mask, from torch's generator; nothing is drawn where nothing is dropped."""
-    return int(torch.randint(2**63 - 1, ())) if dropped else 0
+def at_work(x: Tensor) -> Tensor:
+    """The tensor in the type that autocast computes in, if it is on."""
+    return x.to(torch.get_autocast_dtype("cpu")) if torch.is_autocast_enabled("cpu") else x
 
 
 def none_like(x: Tensor) -> Tensor:

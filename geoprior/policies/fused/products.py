@@ -1,21 +1,18 @@
-"""Matrix products of bfloat16 on a CPU, in the shapes and orders that oneDNN is quick at.
+"""Matrix products of rows and weights, in the shapes and orders that oneDNN is quick at.
 
-Measured for weights of 512x3200 and hundreds of rows, with AMX: a weight lies best with its longer axis
-contiguous (`lay_out`); a product that ends in few columns takes two thirds of the time when it is cut into
-blocks of 256 columns; and ``a.T @ b`` gains a quarter when the smaller of the two is laid out anew first.
+Measured in bfloat16 for weights of 512x3200 and hundreds of rows, with AMX: a weight lies best with its
+longer axis contiguous (`lay_out`); a product that ends in few columns takes two thirds of the time when it is
+cut into blocks of 256 columns; and ``a.T @ b`` gains a quarter when the smaller one is laid out anew first.
 """
 
 from __future__ import annotations
 
-from typing import Any, TypeVar, cast
+from typing import TypeVar
 
 import torch
 from torch import Tensor
-from torch.nn import functional
 
 from geoprior.lanes import in_lanes, numbers_of
-from geoprior.policies.fused._passes import is_fusable
-from geoprior.policies.fused.packed import is_packable, packed_linear
 
 _COLUMNS = 256
 """Of a block."""
@@ -33,22 +30,30 @@ def lay_out(weight: Weight) -> Weight:
     return weight
 
 
-def linear(x: Tensor, weight: Tensor) -> Tensor:
-    """``x @ weight.T``; under autocast in its type.
+def product(x: Tensor, weight: Tensor) -> Tensor:
+    """``x @ weight.T``.
 
     Args:
-        x: (..., inputs)
-        weight: (outputs, inputs), best laid out by `lay_out`.
+        x: (rows, inputs)
+        weight: (outputs, inputs) of the same type, best laid out by `lay_out`.
 
     Returns:
-        (..., outputs)
+        (rows, outputs)
     """
-    if x.device.type != "cpu" or torch.compiler.is_compiling() or not _in_bfloat16(x):
-        return functional.linear(x, weight)
-    if weight.dtype == torch.bfloat16 and is_packable(x):
-        return packed_linear(x.flatten(0, -2).to(weight.dtype), weight).view(*x.shape[:-1], -1)
-    rows = cast("Tensor", _Linear.apply(x.flatten(0, -2), weight))  # type: ignore[no-untyped-call]
-    return rows.view(*x.shape[:-1], -1)
+    outputs, inputs = weight.shape
+    return contract(x, weight) if outputs <= inputs else x @ weight.t()
+
+
+def gradient_of_rows(gradient: Tensor, weight: Tensor) -> Tensor:
+    """What a `product` passes back to its rows: (rows, outputs) to (rows, inputs)."""
+    outputs, inputs = weight.shape
+    return gradient @ weight if outputs <= inputs else contract(gradient, weight.t())
+
+
+def gradient_of_weight(gradient: Tensor, x: Tensor) -> Tensor:
+    """What a `product` passes back to its weight: (outputs, inputs), lying as `lay_out` would lay it."""
+    narrow = gradient.shape[1] <= x.shape[1]
+    return correlate(gradient, x) if narrow else correlate(x, gradient).t()
 
 
 def contract(x: Tensor, weight: Tensor) -> Tensor:
@@ -64,37 +69,10 @@ def contract(x: Tensor, weight: Tensor) -> Tensor:
 
 def correlate(small: Tensor, large: Tensor) -> Tensor:
     """``small.T @ large``: (rows, M) and (rows, N) with M <= N to (M, N)."""
-    if not is_fusable(small, large):
-        return small.t().contiguous() @ large
+    if small.dtype != torch.bfloat16 or small.device.type != "cpu":
+        return small.t() @ large
     from geoprior.policies.fused._kernels import transpose
 
     laid_out = small.new_empty(small.shape[1], len(small))
     in_lanes(transpose, small.numel(), numbers_of(small.contiguous()), numbers_of(laid_out))
     return laid_out @ large
-
-
-def _in_bfloat16(x: Tensor) -> bool:
-    autocast = torch.is_autocast_enabled("cpu") and torch.get_autocast_dtype("cpu") == torch.bfloat16
-    return autocast or x.dtype == torch.bfloat16
-
-
-class _Linear(torch.autograd.Function):
-    @staticmethod
-    @torch.amp.custom_fwd(device_type="cpu", cast_inputs=torch.bfloat16)  # type: ignore[untyped-decorator]
-    def forward(ctx: Any, x: Tensor, weight: Tensor) -> Tensor:
-        ctx.save_for_backward(x, weight)
-        outputs, inputs = weight.shape
-        return contract(x, weight) if outputs <= inputs else x @ weight.t()
-
-    @staticmethod
-    @torch.amp.custom_bwd(device_type="cpu")  # type: ignore[untyped-decorator]
-    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, Tensor | None]:
-        x, weight = ctx.saved_tensors
-        outputs, inputs = weight.shape
-        of_x = of_weight = None
-        if ctx.needs_input_grad[0]:
-            of_x = gradient @ weight if outputs <= inputs else contract(gradient, weight.t())
-        if ctx.needs_input_grad[1]:
-            narrow = outputs <= inputs
-            of_weight = correlate(gradient, x) if narrow else correlate(x, gradient).t()
-        return of_x, of_weight

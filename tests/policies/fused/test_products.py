@@ -5,7 +5,14 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from geoprior.policies.fused.products import contract, correlate, lay_out, linear
+from geoprior.policies.fused.products import (
+    contract,
+    correlate,
+    gradient_of_rows,
+    gradient_of_weight,
+    lay_out,
+    product,
+)
 
 
 @pytest.mark.parametrize("shape", [(48, 16), (16, 48), (32, 32), (1, 9)])
@@ -18,39 +25,36 @@ def test_laying_out_moves_memory_and_no_number(shape):
     assert weight.stride(longer) == 1
 
 
+@pytest.mark.parametrize("dtype", [torch.float32, torch.bfloat16])
 @pytest.mark.parametrize(("outputs", "inputs"), [(512, 640), (640, 512), (300, 2000), (96, 96)])
-@pytest.mark.parametrize("batch", [(7,), (8, 80), (600,)])
-def test_linear_under_autocast_is_torchs(batch, outputs, inputs):
+@pytest.mark.parametrize("rows", [7, 600, 640])
+def test_products_and_their_gradients_are_those_of_a_linear_layer(rows, outputs, inputs, dtype):
     torch.manual_seed(0)
-    x = torch.randn(*batch, inputs, requires_grad=True)
-    weight = lay_out(nn.Parameter(torch.randn(outputs, inputs) / inputs**0.5))
-    gradient = torch.randn(*batch, outputs)
-    found = []
-    for function in (linear, functional.linear):
-        with torch.autocast("cpu", torch.bfloat16):
-            y = function(x, weight)
-        assert y.dtype == torch.bfloat16
-        found.append([y, *torch.autograd.grad(y, [x, weight], gradient.to(y.dtype))])
-    for ours, torchs in zip(*found, strict=True):
-        assert ours.shape == torchs.shape
-        assert ours.dtype == torchs.dtype
-        torch.testing.assert_close(
-            ours.float(), torchs.float(), rtol=2e-2, atol=2e-2 * torchs.abs().max().item()
-        )
+    x = torch.randn(rows, inputs).to(dtype)
+    weight = lay_out((torch.randn(outputs, inputs) / inputs**0.5).to(dtype))
+    gradient = torch.randn(rows, outputs).to(dtype)
+    found = [product(x, weight), gradient_of_rows(gradient, weight), gradient_of_weight(gradient, x)]
+    twins = [tensor.detach().double().requires_grad_() for tensor in (x, weight)]
+    y = functional.linear(*twins)
+    exact = [y, *torch.autograd.grad(y, twins, gradient.double())]
+    tolerance = 2e-2 if dtype == torch.bfloat16 else 1e-5
+    for ours, right in zip(found, exact, strict=True):
+        assert ours.dtype == dtype
+        assert (ours.double() - right).abs().max() < tolerance * right.abs().max()
 
 
 def test_gradients_lie_as_weights_do():
     """An optimiser that goes through memory in order then needs no copy."""
     x = torch.randn(20, 16).to(torch.bfloat16)
     for shape in ((48, 16), (8, 16)):
-        weight = lay_out(nn.Parameter(torch.randn(shape).to(torch.bfloat16)))
-        linear(x, weight).sum().backward()
-        assert weight.grad.stride() == weight.stride()
+        weight = lay_out(torch.randn(shape).to(torch.bfloat16))
+        gradient = torch.randn(20, shape[0]).to(torch.bfloat16)
+        assert gradient_of_weight(gradient, x).stride() == weight.stride()
 
 
-def test_linear_in_float32_is_torchs_to_the_bit():
+def test_products_in_float32_are_torchs_to_the_bit():
     x, weight = torch.randn(9, 5), torch.randn(4, 5)
-    assert torch.equal(linear(x, weight), functional.linear(x, weight))
+    assert torch.equal(product(x, weight), functional.linear(x, weight))
 
 
 @pytest.mark.parametrize("rows", [511, 512, 700])

@@ -8,7 +8,7 @@ from torch.nn import functional
 
 from geoprior.policies.fused import tokens
 from geoprior.policies.fused._kernels import exponentiate
-from geoprior.policies.fused.tokens import add_norm, attention_weights, relu_drop, split_heads
+from geoprior.policies.fused.tokens import Heads, Normed, draw_dropout
 
 TYPES = {torch.float32: 1e-5, torch.bfloat16: 1.5e-2}
 SHARE = 26 / 256
@@ -18,6 +18,94 @@ SHARE = 26 / 256
 def dtype(request):
     torch.manual_seed(0)
     return request.param
+
+
+class Node(torch.autograd.Function):
+    """A pass and the pass of its gradient: ``forth(*tensors)`` gives a value and what ``back`` remembers."""
+
+    @staticmethod
+    def forward(ctx, forth, back, *tensors):
+        y, ctx.remembered = forth(*tensors)
+        ctx.back = back
+        return y
+
+    @staticmethod
+    def backward(ctx, gradient):
+        return None, None, *ctx.back(gradient.contiguous(), ctx.remembered)
+
+
+def add_norm(x, branch, bias, norm, probability, *, training):
+    if x.dtype == torch.float64:
+        return norm(x + functional.dropout(branch + bias, probability, training))
+    dropout = draw_dropout(probability, training=training)
+
+    def forth(x, branch, bias, weight, shift):
+        rows = (tensor.view(-1, tensor.shape[-1]) for tensor in (x, branch))
+        y, normed = tokens.add_norm(*rows, bias, (weight, shift, norm.eps), dropout)
+        return y.view(x.shape), normed
+
+    def back(gradient, normed):
+        rows = gradient.view(-1, gradient.shape[-1])
+        of_x, of_branch, totals = tokens.add_norm_back(rows, Normed(*normed), norm.weight, dropout)
+        weight, shift, bias = totals
+        return of_x.view(gradient.shape), of_branch.view(gradient.shape), bias, weight, shift
+
+    return Node.apply(forth, back, x, branch, bias, norm.weight, norm.bias)
+
+
+def relu_drop(x, bias, probability, *, training):
+    if x.dtype == torch.float64:
+        return functional.dropout(functional.relu(x + bias), probability, training)
+    dropout = draw_dropout(probability, training=training)
+
+    def forth(x, bias):
+        y = tokens.relu_drop(x.view(-1, x.shape[-1]), bias, dropout)
+        return y.view(x.shape), y
+
+    def back(gradient, y):
+        of_x, of_bias = tokens.relu_drop_back(gradient.view(y.shape), y, dropout)
+        return of_x.view(gradient.shape), of_bias
+
+    return Node.apply(forth, back, x, bias)
+
+
+def attention_weights(scores, mask, scale, probability, *, training):
+    if scores.dtype == torch.float64:
+        scores = scores * scale
+        if mask is not None:
+            scores = scores.masked_fill(~mask[:, None, None, :], -torch.inf)
+        return functional.dropout(scores.softmax(-1), probability, training)
+    dropout = draw_dropout(probability, training=training)
+
+    def forth(scores):
+        weights, kept = tokens.softmax_drop(scores.flatten(0, 1), mask, scale, dropout)
+        return kept.view(scores.shape), weights
+
+    def back(gradient, weights):
+        slabs = gradient.view(weights.shape)
+        return (tokens.softmax_drop_back(slabs, weights, scale, dropout).view(gradient.shape),)
+
+    return Node.apply(forth, back, scores)
+
+
+def split_heads(projected, bias, tokens_count, heads):
+    """(parts, B, heads, T, n)."""
+    if projected.dtype == torch.float64:
+        parts = projected.view(
+            -1, tokens_count, heads.parts, heads.number, bias.numel() // (heads.parts * heads.number)
+        )
+        moves = parts[-1].clone()
+        moves[:, heads.moved :] = 0.0
+        return (parts[:-1] + moves + bias.view(parts.shape[2:])).permute(2, 0, 3, 1, 4)
+
+    def forth(projected, bias):
+        split = tokens.split_heads(projected, bias, tokens_count, heads)
+        return split.view(heads.parts, -1, heads.number, *split.shape[2:]), None
+
+    def back(gradient, _):
+        return tokens.join_heads(gradient.flatten(1, 2), heads)
+
+    return Node.apply(forth, back, projected, bias)
 
 
 def drawn(*shape, dtype):
@@ -30,7 +118,6 @@ def both(function, inputs, dtype):
     for exact in (False, True):
         given = [x.detach().double().requires_grad_() if exact else x for x in inputs]
         y = function(*given)
-        y = torch.cat([part.flatten() for part in y]) if isinstance(y, tuple) else y
         torch.manual_seed(5)
         gradient = torch.randn(y.shape).to(dtype)
         found.append([y, *torch.autograd.grad(y, given, gradient.to(y.dtype))])
@@ -85,17 +172,21 @@ def test_attention_weights(queries, keys, masked, dtype):
         assert (weights[hidden] == 0).all()
 
 
-@pytest.mark.parametrize(("batch", "count", "heads"), [(3, 5, 2), (9, 1, 4), (1, 20, 8)])
+@pytest.mark.parametrize("heads", [Heads(3, 2, 2), Heads(1, 1, 4), Heads(2, 1, 8)])
+@pytest.mark.parametrize(("batch", "count"), [(3, 5), (9, 1), (1, 20)])
 def test_split_heads(batch, count, heads, dtype):
-    dim = 8 * heads
-    rows, bias = drawn((batch + 1) * count, 3 * dim, dtype=dtype), torch.randn(3 * dim).requires_grad_()
+    dim = 8 * heads.number
+    rows = drawn((batch + 1) * count, heads.parts * dim, dtype=dtype)
+    bias = torch.randn(heads.parts * dim).requires_grad_()
     assert_same(lambda x, b: split_heads(x, b, count, heads), [rows, bias], dtype)
-    query, key, value = split_heads(rows, torch.zeros(3 * dim), count, heads)
+    split = split_heads(rows, torch.zeros(heads.parts * dim), count, heads)
     samples, moves = rows[: batch * count].view(batch, count, -1), rows[batch * count :]
-    together = (samples.float() + moves.float()).chunk(3, -1)
-    for part, whole in zip((query, key), together, strict=False):
-        torch.testing.assert_close(part.transpose(1, 2).flatten(2).float(), whole, rtol=1e-2, atol=1e-2)
-    assert torch.equal(value.transpose(1, 2).flatten(2), samples.chunk(3, -1)[2])
+    together = (samples.float() + moves.float()).chunk(heads.parts, -1)
+    still = samples.float().chunk(heads.parts, -1)
+    for part in range(heads.parts):
+        expected = together[part] if part < heads.moved else still[part]
+        found = split[part].transpose(1, 2).flatten(2).float()
+        torch.testing.assert_close(found, expected, rtol=1e-2, atol=1e-2)
 
 
 def drop_in_add_norm(x, training):
