@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 import torch
@@ -71,11 +71,14 @@ class HalfAdamW(AdamW):
         super().__init__(groups, weight_decay)
         self._whole = {parameter: parameter.data for parameter in self._parameters() if is_large(parameter)}
         self._halves = {parameter: whole.to(torch.bfloat16) for parameter, whole in self._whole.items()}
+        self._seen: dict[nn.Parameter, _Arrays] = {}
+        self._gradients: dict[nn.Parameter, NDArray[np.uint16]] = {}
         self._factor = 1.0
 
     @contextmanager
     def lend(self) -> Iterator[None]:
         """Large parameters are bfloat16 meanwhile, and so are the gradients that they get."""
+        self._gradients = {}
         for parameter, half in self._halves.items():
             parameter.data = half
         try:
@@ -91,37 +94,71 @@ class HalfAdamW(AdamW):
 
     def clip(self, largest: float) -> float:
         """See `AdamW.clip`; what is large is shortened as it is used."""
-        squares = [_square_sum(p.grad, self._whole.get(p)) for p in self._parameters() if p.grad is not None]
+        learned = [parameter for parameter in self._parameters() if parameter.grad is not None]
+        small = [parameter for parameter in learned if parameter not in self._halves]
+        squares = [_square_sum(self._gradient_of(p)) for p in learned if p in self._halves]
+        gradients = [p.grad for p in small if p.grad is not None]
+        squares.append(float(torch.nn.utils.get_total_norm(gradients)) ** 2)
         norm = math.sqrt(math.fsum(squares))
         self._factor = min(1.0, largest / (norm + 1e-6))
-        for parameter in self._parameters():
-            if parameter.grad is not None and parameter not in self._halves:
-                parameter.grad.mul_(self._factor)
+        torch.nn.utils.clip_grads_with_norm_(small, largest, torch.tensor(norm))
         return norm
 
     @torch.no_grad()
     def step(self, closure: Callable[[], float] | None = None) -> None:  # type: ignore[override]
         """See `AdamW.step`."""
         held = {p: p.grad for p in self._halves if p.grad is not None}
+        arrays = {parameter: self._gradient_of(parameter) for parameter in held}
         for parameter in held:
             parameter.grad = None
         super().step(closure)
         for group in self.param_groups:
+            rates: dict[int, NDArray[np.float32]] = {}
             for parameter in group["params"]:
                 if parameter in held:
-                    self._update(parameter, held[parameter], group)
+                    self._update(parameter, arrays[parameter], group, rates)
+        self._gradients = {}
         self._factor = 1.0
 
-    def _update(self, parameter: nn.Parameter, gradient: Tensor, group: dict[str, Any]) -> None:
+    def _update(
+        self,
+        parameter: nn.Parameter,
+        gradient: NDArray[np.uint16],
+        group: dict[str, Any],
+        rates: dict[int, NDArray[np.float32]],
+    ) -> None:
         from geoprior.lanes import in_lanes
         from geoprior.training._adamw_kernel import update_halves
 
         state = self._state_of(parameter)
         state["step"] += 1
-        whole, half = self._whole[parameter], self._halves[parameter]
-        tensors = (whole, state["exp_avg"], state["exp_avg_sq"], gradient, half)
-        rates = self._rates(group, int(state["step"]))
-        in_lanes(update_halves, whole.numel(), *(_flat(tensor, whole) for tensor in tensors), rates)
+        step = int(state["step"])
+        if step not in rates:
+            rates[step] = self._rates(group, step)
+        seen = self._seen_of(parameter, state)
+        arrays = (seen.whole, seen.mean, seen.square, gradient, seen.half)
+        in_lanes(update_halves, gradient.size, *arrays, rates[step])
+
+    def _seen_of(self, parameter: nn.Parameter, state: dict[str, Tensor]) -> _Arrays:
+        """Views that last until other running means are loaded, which are laid out as the weight is."""
+        seen = self._seen.get(parameter)
+        if seen is not None and seen.source is state["exp_avg"]:
+            return seen
+        whole = self._whole[parameter]
+        for name in ("exp_avg", "exp_avg_sq"):
+            state[name] = _laid_out(state[name], whole)
+        mean, square = state["exp_avg"], state["exp_avg_sq"]
+        arrays = (_flat(tensor) for tensor in (whole, mean, square, self._halves[parameter]))
+        seen = self._seen[parameter] = _Arrays(mean, *arrays)
+        return seen
+
+    def _gradient_of(self, parameter: nn.Parameter) -> NDArray[np.uint16]:
+        """Its numbers in the order of the weight's in memory."""
+        found = self._gradients.get(parameter)
+        if found is None:
+            gradient = _laid_out(cast("Tensor", parameter.grad), self._whole[parameter])
+            found = self._gradients[parameter] = _flat(gradient)
+        return found
 
     def _state_of(self, parameter: nn.Parameter) -> dict[str, Tensor]:
         """Named as torch names it, so that either optimiser goes on from the other's."""
@@ -140,24 +177,34 @@ class HalfAdamW(AdamW):
         return np.array(numbers, dtype=np.float32)
 
 
-def _square_sum(gradient: Tensor, whole: Tensor | None) -> float:
-    """Of a gradient's numbers, which are bfloat16 where there is a whole weight beside the lent one."""
+class _Arrays(NamedTuple):
+    """The numbers of a large weight in the order of memory, and the tensor whose change makes them stale."""
+
+    source: Tensor
+    whole: NDArray[np.float32]
+    mean: NDArray[np.float32]
+    square: NDArray[np.float32]
+    half: NDArray[np.uint16]
+
+
+def _square_sum(gradient: NDArray[np.uint16]) -> float:
     from geoprior.lanes import in_lanes
     from geoprior.training._adamw_kernel import block_count, square_sums
 
-    if whole is None:
-        return float(torch.linalg.vector_norm(gradient)) ** 2
-    sums = np.empty(block_count(gradient.numel()))
-    in_lanes(square_sums, gradient.numel(), _flat(gradient, whole), sums)
+    sums = np.empty(block_count(gradient.size))
+    in_lanes(square_sums, gradient.size, gradient, sums)
     return float(sums.sum())
 
 
-def _flat(tensor: Tensor, like: Tensor) -> NDArray[Any]:
-    """The numbers in the order in which ``like`` has them in memory; a view where the layouts agree."""
-    if tensor.stride() != like.stride():
-        tensor = torch.empty_like(like, dtype=tensor.dtype, memory_format=torch.preserve_format).copy_(tensor)
-    numbers = torch.as_strided(tensor, (tensor.numel(),), (1,))
-    if numbers.dtype == torch.bfloat16:
-        numbers = numbers.view(torch.uint16)
-    array: NDArray[Any] = numbers.numpy()
-    return array
+def _laid_out(tensor: Tensor, like: Tensor) -> Tensor:
+    """The tensor, or a copy of it where it does not lie in memory as another of its shape does."""
+    if tensor.stride() == like.stride():
+        return tensor
+    return torch.empty_like(like, dtype=tensor.dtype, memory_format=torch.preserve_format).copy_(tensor)
+
+
+def _flat(tensor: Tensor) -> NDArray[Any]:
+    """A view of a dense tensor's numbers in the order in which they lie in memory."""
+    from geoprior.lanes import numbers_of
+
+    return numbers_of(torch.as_strided(tensor, (tensor.numel(),), (1,)))
