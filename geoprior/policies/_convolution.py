@@ -21,6 +21,8 @@ _FEW_CELLS = 16
 """Maps of up to so many cells: all passes are products."""
 _SOME_CELLS = 64
 """Maps of up to so many: the weights' gradient is one."""
+_FEW_CHANNELS = 4
+"""Of frames: at steps of two, four cells at a time make channels enough for a vector unit."""
 _FEW_ROWS = 256
 """Maps of so many cells, in all that a batch has of them: the same as few cells."""
 
@@ -38,6 +40,8 @@ def convolve(x: Tensor, weight: Tensor, bias: Tensor | None, stride: int) -> Ten
         (B, outputs, ceil(H / stride), ceil(W / stride)); channels last in memory where products make it.
     """
     kernel = weight.shape[-1]
+    if _is_stem(x, weight, stride) and bias is None:
+        return cast("Tensor", _Unshuffled.apply(x, weight))  # type: ignore[no-untyped-call]
     cells = -(-x.shape[-2] // stride) * -(-x.shape[-1] // stride)
     elsewhere = x.device.type != "cpu" or torch.compiler.is_compiling()
     if elsewhere or (cells > _SOME_CELLS and kernel > 1):
@@ -73,8 +77,58 @@ class _Convolution(torch.autograd.Function):
             if _as_product(x, weight, stride):
                 of_x = _scatter(rows @ _matrix(weight), x, kernel, stride)
             else:
-                of_x = _gradient_of_input(gradient, x, weight, stride)
+                of_x = _gradients(gradient, x, weight, stride, kernel // 2, (True, False, False))[0]
         return of_x, of_weight, None
+
+
+class _Unshuffled(torch.autograd.Function):
+    """A convolution at steps of two, of frames whose every 2x2 pixels become one cell: steps of one.
+
+    oneDNN computes the gradient of a 7x7 kernel over three channels at half the rate of that of a 4x4 kernel
+    over twelve. The frames get no gradient.
+    """
+
+    @staticmethod
+    def forward(ctx: Any, x: Tensor, weight: Tensor) -> Tensor:
+        cells, kernel = _unshuffle(x, weight.shape[-1]), _unshuffle_kernel(weight.to(torch.bfloat16))
+        ctx.save_for_backward(cells, kernel)
+        ctx.channels = x.shape[1]
+        return functional.conv2d(cells, kernel)
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx: Any, gradient: Tensor) -> tuple[None, Tensor]:
+        cells, kernel = ctx.saved_tensors
+        of_kernel = _gradients(gradient, cells, kernel, 1, 0, (False, True, False))[1]
+        outputs, _, size, _ = kernel.shape
+        parts = of_kernel.view(outputs, 2, 2, ctx.channels, size, size).permute(0, 3, 4, 1, 5, 2)
+        return None, parts.reshape(outputs, ctx.channels, 2 * size, 2 * size)[:, :, 1:, 1:]
+
+
+def _is_stem(x: Tensor, weight: Tensor, stride: int) -> bool:
+    """Whether these are frames, to be convolved in bfloat16 on a CPU while a kernel learns."""
+    suits = stride == 2 and weight.shape[-1] % 4 == 3 and x.shape[1] <= _FEW_CHANNELS
+    learns = torch.is_grad_enabled() and not x.requires_grad
+    return suits and learns and is_fusable(x) and at_work(x[:0]).dtype == torch.bfloat16
+
+
+def _unshuffle(x: Tensor, kernel: int) -> Tensor:
+    """(B, 4 * C, h, w) bfloat16 cells of 2x2 pixels, as many as a kernel at steps of two meets."""
+    from geoprior.policies.fused._kernels import unshuffle
+
+    rows, columns = (length + kernel // 2 for length in _size(x, 2))
+    cells = torch.empty(len(x), rows, columns, 4 * x.shape[1], dtype=torch.bfloat16)
+    in_lanes(unshuffle, cells.numel(), *map(numbers_of, (x.contiguous(), cells)), kernel // 2 + 1)
+    return cells.permute(0, 3, 1, 2)
+
+
+def _unshuffle_kernel(weight: Tensor) -> Tensor:
+    """(outputs, C, k, k) to (outputs, 4 * C, (k + 1) / 2, (k + 1) / 2), zero before its first cells."""
+    outputs, channels, kernel, _ = weight.shape
+    half = (kernel + 1) // 2
+    parts = functional.pad(weight, (1, 0, 1, 0)).view(outputs, channels, half, 2, half, 2)
+    unshuffled = parts.permute(0, 3, 5, 1, 2, 4).reshape(outputs, 4 * channels, half, half)
+    return unshuffled.contiguous(memory_format=torch.channels_last)
 
 
 def neighbourhoods(x: Tensor, kernel: int, stride: int) -> Tensor:
@@ -141,20 +195,21 @@ def _as_product(x: Tensor, weight: Tensor, stride: int) -> bool:
     return weight.shape[-1] == 1 or h * w <= _FEW_CELLS or len(x) * h * w <= _FEW_ROWS
 
 
-def _gradient_of_input(gradient: Tensor, x: Tensor, weight: Tensor, stride: int) -> Tensor:
-    steps, margin = [stride, stride], [weight.shape[-1] // 2] * 2
-    wanted = [True, False, False]
-    of_x: Tensor = torch.ops.aten.convolution_backward(
+def _gradients(
+    gradient: Tensor, x: Tensor, weight: Tensor, stride: int, margin: int, wanted: tuple[bool, bool, bool]
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Of x, of the weight and of a bias, as far as they are wanted."""
+    found: tuple[Tensor, Tensor, Tensor] = torch.ops.aten.convolution_backward(
         gradient,
         x,
         weight,
         None,
-        stride=steps,
-        padding=margin,
+        stride=[stride, stride],
+        padding=[margin, margin],
         dilation=[1, 1],
         transposed=False,
         output_padding=[0, 0],
         groups=1,
-        output_mask=wanted,
-    )[0]
-    return of_x
+        output_mask=list(wanted),
+    )
+    return found

@@ -13,7 +13,13 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from geoprior.policies._convolution import convolve
-from geoprior.policies.fused.maps import affine_relu, batch_norm_relu, max_pool
+from geoprior.policies.fused.maps import (
+    affine_relu,
+    affine_relu_pool,
+    batch_norm_relu,
+    batch_norm_relu_pool,
+    max_pool,
+)
 from geoprior.policies.fused.packed import is_packable, pack_kernel, packed_convolution
 
 if TYPE_CHECKING:
@@ -83,6 +89,14 @@ class Convolution(nn.Conv2d):
             return self._run_packed(x, norm, relu=True, residual=residual)
         x = self.normalised(x, norm)
         return functional.relu(x if residual is None else x + residual, inplace=True)
+
+    def pooled(self, x: Tensor, norm: nn.Module) -> Tensor:
+        """The ReLU of the same, and of it the largest of 3x3 cells in steps of two."""
+        if torch.is_grad_enabled() and isinstance(norm, FrozenBatchNorm):
+            return affine_relu_pool(convolve(x, self.weight, None, self.stride[0]), *affine(norm))
+        if torch.is_grad_enabled() and isinstance(norm, nn.BatchNorm2d) and norm.training:
+            return batch_norm_relu_pool(convolve(x, self.weight, None, self.stride[0]), norm)
+        return max_pool(self.activated(x, norm))
 
     def _run_packed(
         self, x: Tensor, norm: FrozenBatchNorm | nn.BatchNorm2d, *, relu: bool, residual: Tensor | None
@@ -177,6 +191,6 @@ class ResNet18(nn.Module):
 
     def forward(self, images: Tensor) -> Tensor:
         """(B, 3, H, W) normalised frames to (B, channels, ceil(H / 32), ceil(W / 32))."""
-        x = max_pool(self.conv1.activated(images, self.bn1))
+        x = self.conv1.pooled(images, self.bn1)
         features: Tensor = self.layer4(self.layer3(self.layer2(self.layer1(x))))
         return features

@@ -45,3 +45,33 @@ def test_under_autocast_it_is_as_exact_as_torchs(size):
     assert ours[0].dtype == torch.bfloat16
     for found, expected, truth in zip(ours, torchs, exact, strict=True):
         assert (found - truth).abs().mean() < 1.2 * (expected - truth).abs().mean() + 1e-6
+
+
+@pytest.mark.parametrize("size", [(96, 96), (7, 9), (32, 33), (1, 1), (64, 2)])
+@pytest.mark.parametrize(("channels", "kernel"), [(3, 7), (1, 7), (4, 3), (3, 11)])
+@pytest.mark.parametrize("half", [False, True])
+def test_frames_at_steps_of_two(size, channels, kernel, half):
+    torch.manual_seed(0)
+    frames, weight = torch.randn(2, channels, *size), torch.randn(8, channels, kernel, kernel)
+    frames, weight = frames.to(torch.bfloat16), weight.to(torch.bfloat16).float()
+    frames = frames if half else frames.float()
+    twin = weight.double().requires_grad_()
+    exact = functional.conv2d(frames.double(), twin, None, 2, kernel // 2)
+    gradient = torch.randn(exact.shape).to(torch.bfloat16)
+    (expected,) = torch.autograd.grad(exact, twin, gradient.double())
+    weight.requires_grad_()
+    with torch.autocast("cpu", torch.bfloat16):
+        y = convolve(frames, weight, None, 2)
+    (found,) = torch.autograd.grad(y, weight, gradient)
+    assert y.dtype == torch.bfloat16
+    for ours, truth in ((y, exact), (found, expected)):
+        assert ours.shape == truth.shape
+        assert (ours.double() - truth).abs().max() < 1e-2 * truth.abs().max()
+
+
+def test_frames_that_want_a_gradient_get_it():
+    frames = torch.randn(2, 3, 12, 12, requires_grad=True)
+    with torch.autocast("cpu", torch.bfloat16):
+        y = convolve(frames, torch.randn(8, 3, 7, 7, requires_grad=True), None, 2)
+    (gradient,) = torch.autograd.grad(y.sum(), frames)
+    assert gradient.abs().sum() > 0

@@ -198,52 +198,93 @@ def relu_affine_back(
 
 
 @shared
-def max_pool(lanes: int, x: Numbers, y: Numbers, place: NDArray[np.uint8]) -> None:
-    """The largest of every 3x3 cells, in steps of two, with a margin of one.
+def affine_relu_pool(
+    lanes: int,
+    x: Numbers,
+    scale: NDArray[np.float32],
+    shift: NDArray[np.float32],
+    y: Numbers,
+    place: NDArray[np.uint8],
+    chosen: Numbers,
+) -> None:
+    """The largest ReLU of x * scale + shift in every 3x3 cells, in steps of two, with a margin of one.
 
     Args:
         lanes: Threads to share the work.
         x: (images, H, W, channels)
+        scale: (channels,)
+        shift: (channels,)
         y: (images, h, w, channels) result.
-        place: The same shape: which of the nine cells it was.
+        place: The same shape: which of the nine cells it was, or 9 where no number is above zero.
+        chosen: The number of x there, or any of them; or no images.
     """
     height, width, channels = x.shape[1:]
+    zero, lowest = np.float32(0.0), np.float32(-np.inf)
+    numbers = x.reshape(x.size)
+    steps = np.zeros(10, np.int64)
+    for cell in range(9):
+        steps[cell] = ((cell // 3 - 1) * width + cell % 3 - 1) * channels
     for lane in prange(lanes):
-        best = np.empty(channels, np.float32)
-        where = np.empty(channels, np.int32)
+        best, where = np.empty(channels, np.float32), np.empty(channels, np.int32)
+        moved = np.empty((3, width + 2, channels), np.float32)
         for image in range(len(x) * lane // lanes, len(x) * (lane + 1) // lanes):
             for i in range(y.shape[1]):
+                moved[:] = lowest
+                for k in range(max(0, 1 - 2 * i), min(3, height + 1 - 2 * i)):
+                    for column in range(width):
+                        values, out = x[image, 2 * i - 1 + k, column], moved[k, column + 1]
+                        for c in range(channels):
+                            out[c] = widen(values[c]) * scale[c] + shift[c]
                 for j in range(y.shape[2]):
-                    best[:] = -np.inf
-                    where[:] = 0
-                    for cell in range(9):
-                        row, column = 2 * i - 1 + cell // 3, 2 * j - 1 + cell % 3
-                        if 0 <= row < height and 0 <= column < width:
-                            values = x[image, row, column]
-                            for c in range(channels):
-                                value = widen(values[c])
-                                better = value > best[c] or value != value
-                                best[c] = value if better else best[c]
-                                where[c] = cell if better else where[c]
-                    out, cells = y[image, i, j], place[image, i, j]
+                    best[:] = zero
+                    where[:] = 9
+                    for k in range(3):
+                        # Of more arrays than these the compiler could not tell that they are apart.
+                        one, two, three = moved[k, 2 * j], moved[k, 2 * j + 1], moved[k, 2 * j + 2]
+                        for c in range(channels):
+                            top, cell = best[c], where[c]
+                            better = one[c] > top or one[c] != one[c]
+                            top, cell = one[c] if better else top, 3 * k if better else cell
+                            better = two[c] > top or two[c] != two[c]
+                            top, cell = two[c] if better else top, 3 * k + 1 if better else cell
+                            better = three[c] > top or three[c] != three[c]
+                            top, cell = three[c] if better else top, 3 * k + 2 if better else cell
+                            best[c], where[c] = top, cell
+                    pooled, cells = y[image, i, j], place[image, i, j]
                     for c in range(channels):
-                        out[c] = narrow(best[c], out)
+                        pooled[c] = narrow(best[c], pooled)
+                    for c in range(channels):
                         cells[c] = where[c]
+                    if chosen.shape[0] > 0:
+                        kept = chosen[image, i, j]
+                        middle = ((image * height + 2 * i) * width + 2 * j) * channels
+                        for c in range(channels):
+                            kept[c] = numbers[middle + c + steps[where[c]]]
 
 
 @shared
-def max_pool_back(lanes: int, gradient: Numbers, place: NDArray[np.uint8], of_x: Numbers) -> None:
-    """The gradient of `max_pool`.
+def pool_affine_back(
+    lanes: int,
+    gradient: Numbers,
+    place: NDArray[np.uint8],
+    x: Numbers,
+    coefficients: NDArray[np.float32],
+    of_x: Numbers,
+) -> None:
+    """Of what the pooling of `affine_relu_pool` passes back, g: ``of_x = a * g + b * x + c`` by channel.
 
     Args:
         lanes: Threads to share the work.
         gradient: (images, h, w, channels)
         place: As it gave it.
+        x: (images, H, W, channels), or no images: then b and c count as 0.
+        coefficients: (3, channels) a, b and c.
         of_x: (images, H, W, channels) result.
     """
     height, width, channels = of_x.shape[1:]
     rows, columns = gradient.shape[1:3]
     zero = np.float32(0.0)
+    a, b, c0 = coefficients[0], coefficients[1], coefficients[2]
     for lane in prange(lanes):
         total = np.empty(channels, np.float32)
         for image in range(len(of_x) * lane // lanes, len(of_x) * (lane + 1) // lanes):
@@ -258,8 +299,13 @@ def max_pool_back(lanes: int, gradient: Numbers, place: NDArray[np.uint8], of_x:
                                 slope = widen(slopes[c])
                                 total[c] += slope if cells[c] == cell else zero
                     out = of_x[image, i, j]
-                    for c in range(channels):
-                        out[c] = narrow(total[c], out)
+                    if x.shape[0] == 0:
+                        for c in range(channels):
+                            out[c] = narrow(total[c] * a[c], out)
+                    else:
+                        values = x[image, i, j]
+                        for c in range(channels):
+                            out[c] = narrow(total[c] * a[c] + widen(values[c]) * b[c] + c0[c], out)
 
 
 @compiled
@@ -694,6 +740,36 @@ def transpose(lanes: int, x: Numbers, y: Numbers) -> None:
                     out = y[column]
                     for row in range(top, bottom):
                         out[row] = x[row, column]
+
+
+@shared
+def unshuffle(lanes: int, x: Numbers, cells: Numbers, margin: int) -> None:
+    """Take every 2x2 pixels as one cell, whose channels are theirs, row by row; zero outside the frame.
+
+    Args:
+        lanes: Threads to share the work.
+        x: (images, channels, H, W)
+        cells: (images, h, w, 4 * channels) result.
+        margin: Pixels before the frame's first row and column in the first cell and those after it.
+    """
+    images, channels, height, width = x.shape
+    for lane in prange(lanes):
+        for image in range(images * lane // lanes, images * (lane + 1) // lanes):
+            for i in range(cells.shape[1]):
+                out = cells[image, i]
+                for dy in range(2):
+                    row = 2 * i + dy - margin
+                    if not 0 <= row < height:
+                        out[:, 2 * dy * channels : 2 * (dy + 1) * channels] = 0
+                        continue
+                    for channel in range(channels):
+                        values = x[image, channel, row]
+                        for dx in range(2):
+                            place = (2 * dy + dx) * channels + channel
+                            for j in range(cells.shape[2]):
+                                column = 2 * j + dx - margin
+                                inside = 0 <= column < width
+                                out[j, place] = narrow(widen(values[column]), out) if inside else 0
 
 
 @shared

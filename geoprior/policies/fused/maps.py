@@ -50,21 +50,50 @@ def batch_norm_relu(x: Tensor, norm: nn.BatchNorm2d, residual: Tensor | None = N
     """
     if not is_fusable(x, *([] if residual is None else [residual])):
         return functional.relu(_plus(norm(x), residual), inplace=True)
-    mean, variance = _moments(x.detach())
-    _follow(norm, mean, variance, x.numel() // x.shape[1])
-    inputs = (x, norm.weight, norm.bias, residual, mean, (variance + norm.eps).rsqrt())
+    mean, root = _statistics(x, norm)
+    inputs = (x, norm.weight, norm.bias, residual, mean, root)
     return cast("Tensor", _BatchNormReLU.apply(*inputs))  # type: ignore[no-untyped-call]
+
+
+def affine_relu_pool(x: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
+    """`affine_relu`, and of it the largest of 3x3 cells in steps of two, with a margin of one.
+
+    Args:
+        x: (B, C, H, W)
+        scale: (C,) without a gradient.
+        shift: The same.
+
+    Returns:
+        (B, C, ceil(H / 2), ceil(W / 2)) of the type of x.
+    """
+    if is_fusable(x):
+        return cast("Tensor", _AffinePool.apply(x, scale, shift))  # type: ignore[no-untyped-call]
+    return max_pool(affine_relu(x, scale, shift))
+
+
+def batch_norm_relu_pool(x: Tensor, norm: nn.BatchNorm2d) -> Tensor:
+    """`batch_norm_relu` of (B, C, H, W), pooled as `affine_relu_pool` does it."""
+    if not is_fusable(x):
+        return max_pool(batch_norm_relu(x, norm))
+    mean, root = _statistics(x, norm)
+    inputs = (x, norm.weight, norm.bias, mean, root)
+    return cast("Tensor", _BatchNormPool.apply(*inputs))  # type: ignore[no-untyped-call]
 
 
 def max_pool(x: Tensor) -> Tensor:
     """The largest of 3x3 cells in steps of two, with a margin of one: (B, C, H, W) to about half of it."""
-    if is_fusable(x):
-        return cast("Tensor", _MaxPool.apply(x))  # type: ignore[no-untyped-call]
     return functional.max_pool2d(x, 3, 2, 1)
 
 
 def _plus(x: Tensor, residual: Tensor | None) -> Tensor:
     return x if residual is None else x + residual
+
+
+def _statistics(x: Tensor, norm: nn.BatchNorm2d) -> tuple[Tensor, Tensor]:
+    """Mean and reciprocal deviation of every channel, float32; the norm's running ones follow."""
+    mean, variance = _moments(x.detach())
+    _follow(norm, mean, variance, x.numel() // x.shape[1])
+    return mean, (variance + norm.eps).rsqrt()
 
 
 def _moments(x: Tensor) -> tuple[Tensor, Tensor]:
@@ -174,10 +203,7 @@ class _BatchNormReLU(torch.autograd.Function):
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
         x, y, weight, mean, root = ctx.saved_tensors
         total, product = _gradient_sums(gradient, y, x, mean)
-        cells = x.numel() / x.shape[1]
-        scale = weight * root
-        tilt = -scale * root.square() * product / cells
-        coefficients = torch.stack([scale, tilt, -scale * total / cells - tilt * mean])
+        coefficients = _coefficients(x, weight * root, root, mean, total, product)
         of_x, of_residual = _back(gradient, y, x, coefficients, residual=ctx.has_residual)
         return of_x, product * root, total, of_residual, None, None
 
@@ -194,28 +220,74 @@ def _gradient_sums(gradient: Tensor, y: Tensor, x: Tensor, mean: Tensor) -> tupl
     return total, product
 
 
-class _MaxPool(torch.autograd.Function):
-    @staticmethod
-    def forward(ctx: Any, x: Tensor) -> Tensor:
-        from geoprior.policies.fused._kernels import max_pool
+def _coefficients(
+    x: Tensor, scale: Tensor, root: Tensor, mean: Tensor, total: Tensor, product: Tensor
+) -> Tensor:
+    """(3, C) what a batch norm's gradient multiplies that of its result and x with, and what it adds."""
+    cells = x.numel() / x.shape[1]
+    tilt = -scale * root.square() * product / cells
+    return torch.stack([scale, tilt, -scale * total / cells - tilt * mean])
 
-        batch, channels, height, width = x.shape
-        y = x.new_empty(batch, (height + 1) // 2, (width + 1) // 2, channels)
-        place = torch.empty(y.shape, dtype=torch.uint8)
-        numbers = (x.permute(0, 2, 3, 1).contiguous(), y, place)
-        in_lanes(max_pool, x.numel(), *map(numbers_of, numbers))
-        ctx.save_for_backward(place)
-        ctx.size = (height, width)
-        return y.permute(0, 3, 1, 2)
+
+class _AffinePool(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, x: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
+        y, place, _ = _pool(x, scale, shift, choose=False)
+        ctx.save_for_backward(place, scale)
+        ctx.shape = x.shape
+        return y
 
     @staticmethod
     @torch.autograd.function.once_differentiable
-    def backward(ctx: Any, gradient: Tensor) -> Tensor:
-        from geoprior.policies.fused._kernels import max_pool_back
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
+        place, scale = ctx.saved_tensors
+        coefficients = torch.stack([scale, torch.zeros_like(scale), torch.zeros_like(scale)])
+        return _pool_back(gradient, place, None, coefficients, ctx.shape), None, None
 
-        (place,) = ctx.saved_tensors
-        batch, _, _, channels = place.shape
-        of_x = gradient.new_empty(batch, *ctx.size, channels)
-        numbers = (gradient.permute(0, 2, 3, 1).contiguous(), place, of_x)
-        in_lanes(max_pool_back, of_x.numel(), *map(numbers_of, numbers))
-        return of_x.permute(0, 3, 1, 2)
+
+class _BatchNormPool(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, x: Tensor, weight: Tensor, bias: Tensor, mean: Tensor, root: Tensor) -> Tensor:
+        scale = weight * root
+        y, place, chosen = _pool(x, scale, bias - mean * scale, choose=True)
+        ctx.save_for_backward(x, y, place, chosen, weight, mean, root)
+        return y
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
+        x, y, place, chosen, weight, mean, root = ctx.saved_tensors
+        total, product = _gradient_sums(gradient, y, chosen, mean)
+        coefficients = _coefficients(x, weight * root, root, mean, total, product)
+        return _pool_back(gradient, place, x, coefficients, x.shape), product * root, total, None, None
+
+
+def _pool(x: Tensor, scale: Tensor, shift: Tensor, *, choose: bool) -> tuple[Tensor, Tensor, Tensor]:
+    """Pooled maps (B, C, h, w), the places (B, h, w, C), and what was chosen of x, as maps."""
+    from geoprior.policies.fused._kernels import affine_relu_pool
+
+    batch, channels, height, width = x.shape
+    y = x.new_empty(batch, (height + 1) // 2, (width + 1) // 2, channels)
+    place = torch.empty(y.shape, dtype=torch.uint8)
+    chosen = torch.empty_like(y) if choose else none_like(y)
+    given = (_cells(x), scale.float(), shift.float())
+    in_lanes(affine_relu_pool, x.numel(), *map(numbers_of, (*given, y, place, chosen)))
+    return y.permute(0, 3, 1, 2), place, chosen.permute(0, 3, 1, 2)
+
+
+def _pool_back(
+    gradient: Tensor, place: Tensor, x: Tensor | None, coefficients: Tensor, shape: torch.Size
+) -> Tensor:
+    from geoprior.policies.fused._kernels import pool_affine_back
+
+    batch, channels, height, width = shape
+    of_x = gradient.new_empty(batch, height, width, channels)
+    values = none_like(of_x) if x is None else _cells(x)
+    numbers = (_cells(gradient), place, values, coefficients, of_x)
+    in_lanes(pool_affine_back, of_x.numel(), *map(numbers_of, numbers))
+    return of_x.permute(0, 3, 1, 2)
+
+
+def _cells(x: Tensor) -> Tensor:
+    """(B, H, W, C) contiguous."""
+    return x.permute(0, 2, 3, 1).contiguous()

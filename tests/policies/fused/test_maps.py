@@ -8,7 +8,7 @@ from torch import nn
 from torch.nn import functional
 
 from geoprior.policies.fused import maps
-from geoprior.policies.fused.maps import affine_relu, batch_norm_relu, max_pool
+from geoprior.policies.fused.maps import affine_relu, affine_relu_pool, batch_norm_relu, batch_norm_relu_pool
 
 SHAPES = [(2, 8, 3, 5), (5, 8, 1, 1), (3, 1, 4, 4), (3, 64, 6, 6), (1, 24, 7, 1), (16, 32, 12, 12)]
 TYPES = {torch.float32: 1e-5, torch.bfloat16: 2e-2}
@@ -95,25 +95,51 @@ def test_a_variance_that_is_small_beside_the_mean_is_not_lost():
     torch.testing.assert_close(y.double(), exact, atol=1e-3, rtol=1e-3)
 
 
-@pytest.mark.parametrize("size", [(6, 6), (7, 9), (1, 1), (2, 5)])
-def test_max_pool_is_torchs(size, dtype):
+POOLED = [(6, 6), (7, 9), (1, 1), (2, 5), (12, 12)]
+
+
+@pytest.mark.parametrize("size", POOLED)
+def test_affine_relu_pool(size, dtype):
     torch.manual_seed(1)
     x = drawn((3, 16, *size), dtype).requires_grad_()
-    y = max_pool(x)
-    expected = functional.max_pool2d(x.detach().double().requires_grad_(), 3, 2, 1)
-    assert torch.equal(y.double(), expected)
+    scale, shift = torch.randn(16), torch.randn(16)
+    y = affine_relu_pool(x, scale, shift)
     twin = x.detach().double().requires_grad_()
+    by_channel = [number.double()[:, None, None] for number in (scale, shift)]
+    exact = functional.max_pool2d(functional.relu(twin * by_channel[0] + by_channel[1]), 3, 2, 1)
+    assert_near(y, exact, dtype)
     gradient = drawn(y.shape, dtype)
-    functional.max_pool2d(twin, 3, 2, 1).backward(gradient.double())
+    (expected,) = gradients_of(exact, gradient, twin)
     (found,) = gradients_of(y, gradient, x)
-    torch.testing.assert_close(found.double(), twin.grad, rtol=TYPES[dtype], atol=TYPES[dtype])
+    torch.testing.assert_close(found.double(), expected, rtol=TYPES[dtype], atol=TYPES[dtype])
+
+
+@pytest.mark.parametrize("size", POOLED)
+def test_batch_norm_relu_pool(size, dtype):
+    torch.manual_seed(1)
+    x = (3.0 + drawn((5, 16, *size), dtype)).requires_grad_()
+    norm = nn.BatchNorm2d(16).train()
+    nn.init.uniform_(norm.weight, -2.0, 2.0)
+    nn.init.normal_(norm.bias)
+    exact_norm = copy.deepcopy(norm).double()
+    y = batch_norm_relu_pool(x, norm)
+    twin = x.detach().double().requires_grad_()
+    exact = functional.max_pool2d(functional.relu(exact_norm(twin)), 3, 2, 1)
+    assert_near(y, exact, dtype)
+    gradient = drawn(y.shape, dtype)
+    expected = gradients_of(exact, gradient, twin, exact_norm.weight, exact_norm.bias)
+    found = gradients_of(y, gradient, x, norm.weight, norm.bias)
+    for ours, truth in zip(found, expected, strict=True):
+        error = (ours.double() - truth).abs().max()
+        assert error < 5.0 * TYPES[dtype] * truth.abs().max()
+    torch.testing.assert_close(norm.running_var.double(), exact_norm.running_var, rtol=1e-5, atol=1e-6)
 
 
 def test_what_is_not_finite_stays_so(dtype):
     x = drawn((2, 8, 4, 4), dtype)
     x[0, 3, 1, 1] = torch.nan
     assert affine_relu(x, torch.ones(8), torch.zeros(8))[0, 3, 1, 1].isnan()
-    assert max_pool(x)[0, 3, 0, 0].isnan()
+    assert affine_relu_pool(x, torch.ones(8), torch.zeros(8))[0, 3, 0, 0].isnan()
     assert batch_norm_relu(x, nn.BatchNorm2d(8).train())[:, 3].isnan().all()
 
 
@@ -126,12 +152,12 @@ def test_results_do_not_depend_on_the_number_of_threads(threads, dtype, monkeypa
     torch.set_num_threads(threads)
     try:
         norm = nn.BatchNorm2d(32).train()
-        y = max_pool(batch_norm_relu(x, norm))
+        y = batch_norm_relu_pool(batch_norm_relu(x, nn.BatchNorm2d(32).train()), norm)
         found = [y, *gradients_of(y, gradient, x, norm.weight, norm.bias), norm.running_var]
     finally:
         torch.set_num_threads(before)
     monkeypatch.setattr(maps, "in_lanes", lambda kernel, _, *arguments: kernel(1, *arguments))
     norm = nn.BatchNorm2d(32).train()
-    y = max_pool(batch_norm_relu(x, norm))
+    y = batch_norm_relu_pool(batch_norm_relu(x, nn.BatchNorm2d(32).train()), norm)
     expected = [y, *gradients_of(y, gradient, x, norm.weight, norm.bias), norm.running_var]
     assert all(torch.equal(ours, alone) for ours, alone in zip(found, expected, strict=True))
