@@ -66,9 +66,10 @@ def test_cutting_a_product_changes_no_sum(rows, columns):
 
 
 @pytest.mark.parametrize("dtype", [torch.float64, torch.float32, torch.bfloat16])
-@pytest.mark.parametrize("rows", [1, 33, 200])
-def test_correlating(rows, dtype):
-    small, large = torch.randn(rows, 31).to(dtype), torch.randn(rows, 65).to(dtype)
+@pytest.mark.parametrize("rows", [1, 33, 216])
+@pytest.mark.parametrize("columns", [65, 1700])
+def test_correlating(rows, columns, dtype):
+    small, large = torch.randn(rows, 31).to(dtype), torch.randn(rows, columns).to(dtype)
     exact = small.double().t() @ large.double()
     tolerance = 1e-2 if dtype == torch.bfloat16 else 1e-4
     torch.testing.assert_close(correlate(small, large).double(), exact, rtol=tolerance, atol=tolerance * 10)
