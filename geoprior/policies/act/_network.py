@@ -11,7 +11,7 @@ from torch.nn import functional
 from geoprior.policies.act._positions import sinusoid_1d, sinusoid_2d
 from geoprior.policies.act._prediction import PackedAct
 from geoprior.policies.act._transformer import Decoder, Encoder
-from geoprior.policies.fused.kept import Kept, state_of
+from geoprior.policies.fused.kept import Kept, State, state_of
 from geoprior.policies.fused.packed import arithmetic_of, is_packable
 from geoprior.policies.trunk import STRIDE, ResNet18
 
@@ -87,7 +87,7 @@ class ActNetwork(nn.Module):
                 return self._predict_packed(observation, state)
             return self.act(observation, pose.new_zeros(pose.shape[0], self.config.latent)).float()
 
-    def _predict_packed(self, observation: Observation, state: tuple[int, ...]) -> Tensor:
+    def _predict_packed(self, observation: Observation, state: State) -> Tensor:
         pose, images = observation["pose"], observation["images"]
         size, dtype = images.shape, arithmetic_of(images)
         with torch.autocast("cpu", enabled=False):

@@ -6,9 +6,10 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 if TYPE_CHECKING:
-    from torch import nn
+    from torch import Tensor, nn
 
 Made = TypeVar("Made")
+State = tuple[tuple[int, int], ...]
 
 
 class Kept(Generic[Made]):
@@ -29,20 +30,19 @@ class Kept(Generic[Made]):
         return type(self), ()
 
 
-def state_of(module: nn.Module) -> tuple[int, ...] | None:
+def state_of(module: nn.Module) -> State | None:
     """Numbers that differ once one of its parameters or buffers was written to or exchanged.
 
     None where a part of it is in training mode.
     """
-    numbers: list[int] = []
-    modules = [module]
-    while modules:
-        part = modules.pop()
+    modules: list[nn.Module | None] = [module]
+    tensors: list[Tensor | None] = []
+    for part in modules:
+        if part is None:
+            continue
         if part.training:
             return None
-        for tensors in (part._parameters, part._buffers):
-            for tensor in tensors.values():
-                if tensor is not None:
-                    numbers += (tensor.data_ptr(), tensor._version)
-        modules.extend(child for child in part._modules.values() if child is not None)
-    return tuple(numbers)
+        tensors += part._parameters.values()
+        tensors += part._buffers.values()
+        modules += part._modules.values()
+    return tuple((tensor.data_ptr(), tensor._version) for tensor in tensors if tensor is not None)
