@@ -117,6 +117,8 @@ class UnfoldedConvolution:
         outputs, inputs, kernel, _ = weight.shape
         self._kernel, self._stride = kernel, stride
         self._cells = (size[0], *(-(-length // stride) for length in size[2:]))
+        self._places = _places((size[0], *size[2:]), self._cells, kernel, stride)
+        self._outside = torch.zeros(1, inputs, dtype=dtype)
         matrix = weight.permute(0, 2, 3, 1).reshape(outputs, kernel * kernel * inputs)
         self._product = PackedLinear(matrix, bias, math.prod(self._cells), dtype)
 
@@ -138,14 +140,20 @@ class UnfoldedConvolution:
         cells, stride, kernel = x.permute(0, 2, 3, 1), self._stride, self._kernel
         if kernel == 1:
             return cells[:, ::stride, ::stride].reshape(-1, x.shape[1])
-        padded = functional.pad(cells, (0, 0, *[kernel // 2] * 4))
-        map_step, row, column, channel = padded.stride()
-        size = (*self._cells, kernel, kernel, x.shape[1])
-        seen = padded.as_strided(size, (map_step, stride * row, stride * column, row, column, channel))
-        return seen.reshape(-1, kernel * kernel * x.shape[1])
+        rows = torch.cat([cells.reshape(-1, x.shape[1]), self._outside])
+        return rows.index_select(0, self._places).view(-1, kernel * kernel * x.shape[1])
 
     def _maps(self, rows: Tensor) -> Tensor:
         return rows.view(*self._cells, -1).permute(0, 3, 1, 2)
+
+
+def _places(size: tuple[int, ...], cells: tuple[int, ...], kernel: int, stride: int) -> Tensor:
+    """Which of the cells of maps (B, H, W) the kernel sees in turn; one past the last is outside."""
+    last = math.prod(size)
+    padded = functional.pad(torch.arange(last).view(size), [kernel // 2] * 4, value=last)
+    step, row, column = padded.stride()
+    seen = (*cells, kernel, kernel)
+    return padded.as_strided(seen, (step, stride * row, stride * column, row, column)).reshape(-1)
 
 
 def pack_convolution(
