@@ -44,6 +44,9 @@ class FrozenBatchNorm(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """(B, C, H, W) to the same."""
+        if not torch.is_grad_enabled():  # exports know this operator and fold it
+            moments = (self.running_mean, self.running_var)
+            return functional.batch_norm(x, *moments, self.weight, self.bias, training=False, eps=self.eps)
         scale, shift = (number.to(x.dtype)[:, None, None] for number in affine(self))
         return torch.addcmul(shift, x, scale)
 
