@@ -44,7 +44,7 @@ def convolve(x: Tensor, weight: Tensor, bias: Tensor | None, stride: int) -> Ten
         return cast("Tensor", _Unshuffled.apply(x, weight))  # type: ignore[no-untyped-call]
     cells = -(-x.shape[-2] // stride) * -(-x.shape[-1] // stride)
     elsewhere = x.device.type != "cpu" or torch.compiler.is_compiling()
-    if elsewhere or (cells > _SOME_CELLS and kernel > 1):
+    if elsewhere or (cells > _SOME_CELLS and kernel > 1 and not _is_column(x, stride)):
         return functional.conv2d(x, weight, bias, stride, kernel // 2)
     convolved = cast("Tensor", _Convolution.apply(at_work(x), weight, stride))  # type: ignore[no-untyped-call]
     return convolved if bias is None else convolved + bias.to(convolved.dtype)[:, None, None]
@@ -118,7 +118,8 @@ def _unshuffle(x: Tensor, kernel: int) -> Tensor:
 
     rows, columns = (length + kernel // 2 for length in _size(x, 2))
     cells = torch.empty(len(x), rows, columns, 4 * x.shape[1], dtype=torch.bfloat16)
-    in_lanes(unshuffle, cells.numel(), *map(numbers_of, (x.contiguous(), cells)), kernel // 2 + 1)
+    pixels = x.permute(0, 2, 3, 1).contiguous()
+    in_lanes(unshuffle, cells.numel(), *map(numbers_of, (pixels, cells)), kernel // 2 + 1)
     return cells.permute(0, 3, 1, 2)
 
 
@@ -192,7 +193,13 @@ def _size(x: Tensor, stride: int) -> tuple[int, int]:
 
 def _as_product(x: Tensor, weight: Tensor, stride: int) -> bool:
     h, w = _size(x, stride)
-    return weight.shape[-1] == 1 or h * w <= _FEW_CELLS or len(x) * h * w <= _FEW_ROWS
+    few = h * w <= _FEW_CELLS or len(x) * h * w <= _FEW_ROWS
+    return weight.shape[-1] == 1 or few or _is_column(x, stride)
+
+
+def _is_column(x: Tensor, stride: int) -> bool:
+    """Whether it is a case that oneDNN gets wrong in bfloat16: results one cell wide at larger steps."""
+    return stride > 1 and _size(x, stride)[1] == 1
 
 
 def _gradients(

@@ -24,6 +24,8 @@ STD_FLOOR = 1e-2
 IMAGE_MEAN = (0.485, 0.456, 0.406)
 IMAGE_STD = (0.229, 0.224, 0.225)
 """Of ImageNet's RGB in [0, 1]: what a torchvision trunk expects."""
+_IMAGE_SCALE = torch.tensor([1.0 / (255.0 * std) for std in IMAGE_STD])
+_IMAGE_SHIFT = torch.tensor([-mean / std for mean, std in zip(IMAGE_MEAN, IMAGE_STD, strict=True)])
 NORMALISED_FEATURES = ("pose", "action")
 
 
@@ -145,6 +147,4 @@ def normalise_images(frames: Tensor) -> Tensor:
     Returns:
         (..., 3, H, W) float32, with the channels last in memory.
     """
-    scale = torch.tensor([1.0 / (255.0 * std) for std in IMAGE_STD])
-    shift = torch.tensor([-mean / std for mean, std in zip(IMAGE_MEAN, IMAGE_STD, strict=True)])
-    return torch.addcmul(shift, frames.float(), scale).movedim(-1, -3)
+    return torch.addcmul(_IMAGE_SHIFT, frames.float(), _IMAGE_SCALE).movedim(-1, -3)

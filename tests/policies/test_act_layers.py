@@ -135,4 +135,6 @@ def test_frozen_norm_is_a_batch_norm_in_evaluation_and_never_learns():
     frozen.load_state_dict(weights)
     x = torch.randn(2, 4, 3, 3)
     torch.testing.assert_close(frozen(x), reference(x))
+    with torch.no_grad():
+        torch.testing.assert_close(frozen(x), reference(x))
     assert not list(frozen.parameters())

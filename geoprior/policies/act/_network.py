@@ -9,7 +9,10 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from geoprior.policies.act._positions import sinusoid_1d, sinusoid_2d
+from geoprior.policies.act._prediction import PackedAct
 from geoprior.policies.act._transformer import Decoder, Encoder
+from geoprior.policies.fused.kept import Kept, State, state_of
+from geoprior.policies.fused.packed import arithmetic_of, is_packable
 from geoprior.policies.trunk import STRIDE, ResNet18
 
 if TYPE_CHECKING:
@@ -61,6 +64,7 @@ class ActNetwork(nn.Module):
             if parameter.dim() > 1:
                 nn.init.xavier_uniform_(parameter)
         self.trunk.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        self._kept: Kept[PackedAct] = Kept()
 
     def loss(self, batch: Batch) -> tuple[Tensor, Mapping[str, Tensor]]:
         """L1 of the chunk plus the weighted KL divergence of the style variable from a unit normal."""
@@ -76,9 +80,23 @@ class ActNetwork(nn.Module):
 
     def predict(self, observation: Observation) -> Tensor:
         """The chunk at a style of zero; see `geoprior.policies.policy.Policy`."""
+        pose, images = observation["pose"], observation["images"]
         with torch.no_grad():
-            pose = observation["pose"]
+            state = state_of(self) if is_packable(images) and self.trunk.is_foldable() else None
+            if state is not None:
+                return self._predict_packed(observation, state)
             return self.act(observation, pose.new_zeros(pose.shape[0], self.config.latent)).float()
+
+    def _predict_packed(self, observation: Observation, state: State) -> Tensor:
+        pose, images = observation["pose"], observation["images"]
+        size, dtype = images.shape, arithmetic_of(images)
+        with torch.autocast("cpu", enabled=False):
+            packed = self._kept.get((state, size, dtype), lambda: PackedAct(self, size, dtype))
+            return packed(pose, images)
+
+    def position(self, cameras: int) -> Tensor:
+        """(tokens, dim): of the style, of the pose, and of every camera's image tokens."""
+        return torch.cat([self.token_position, self.image_position.repeat(cameras, 1)])
 
     def encode_style(self, batch: Batch) -> tuple[Tensor, Tensor]:
         """Mean and logarithm of the variance of the style, each (B, latent) float32."""
@@ -101,7 +119,7 @@ class ActNetwork(nn.Module):
         image_tokens = maps.flatten(2).transpose(1, 2).reshape(batch, -1, maps.shape[1])
         tokens = [self.latent_proj(latent).unsqueeze(1), self.pose_proj(observation["pose"]).unsqueeze(1)]
         memory = torch.cat([*(token.to(dtype) for token in tokens), image_tokens], dim=1)
-        position = torch.cat([self.token_position, self.image_position.repeat(cameras, 1)]).to(dtype)
+        position = self.position(cameras).to(dtype)
         memory = self.encoder(memory, position)
         query = self.query_position.to(dtype)
         decoded = self.decoder(query.new_zeros(batch, *query.shape), query, memory, position)

@@ -748,28 +748,24 @@ def unshuffle(lanes: int, x: Numbers, cells: Numbers, margin: int) -> None:
 
     Args:
         lanes: Threads to share the work.
-        x: (images, channels, H, W)
+        x: (images, H, W, channels)
         cells: (images, h, w, 4 * channels) result.
         margin: Pixels before the frame's first row and column in the first cell and those after it.
     """
-    images, channels, height, width = x.shape
+    images, height, width, channels = x.shape
+    pair = 2 * channels
+    rows = x.reshape(images, height, width * channels)
     for lane in prange(lanes):
         for image in range(images * lane // lanes, images * (lane + 1) // lanes):
             for i in range(cells.shape[1]):
-                out = cells[image, i]
                 for dy in range(2):
                     row = 2 * i + dy - margin
-                    if not 0 <= row < height:
-                        out[:, 2 * dy * channels : 2 * (dy + 1) * channels] = 0
-                        continue
-                    for channel in range(channels):
-                        values = x[image, channel, row]
-                        for dx in range(2):
-                            place = (2 * dy + dx) * channels + channel
-                            for j in range(cells.shape[2]):
-                                column = 2 * j + dx - margin
-                                inside = 0 <= column < width
-                                out[j, place] = narrow(widen(values[column]), out) if inside else 0
+                    for j in range(cells.shape[2]):
+                        out = cells[image, i, j, dy * pair : (dy + 1) * pair]
+                        first = (2 * j - margin) * channels
+                        for t in range(pair):
+                            inside = 0 <= row < height and 0 <= first + t < rows.shape[2]
+                            out[t] = narrow(widen(rows[image, row, first + t]), out) if inside else 0
 
 
 @shared
