@@ -45,6 +45,7 @@ class FrozenBatchNorm(nn.Module):
         self.register_buffer("bias", torch.zeros(channels))
         self.register_buffer("running_mean", torch.zeros(channels))
         self.register_buffer("running_var", torch.ones(channels))
+        self._kept: Kept[tuple[Tensor, Tensor]] = Kept()
 
     eps = 1e-5
 
@@ -53,8 +54,15 @@ class FrozenBatchNorm(nn.Module):
         if not torch.is_grad_enabled():  # exports know this operator and fold it
             moments = (self.running_mean, self.running_var)
             return functional.batch_norm(x, *moments, self.weight, self.bias, training=False, eps=self.eps)
-        scale, shift = (number.to(x.dtype)[:, None, None] for number in affine(self))
+        scale, shift = (number.to(x.dtype)[:, None, None] for number in self.affine())
         return torch.addcmul(shift, x, scale)
+
+    def affine(self) -> tuple[Tensor, Tensor]:
+        """A factor and an addend for each channel, (C,) each; made anew when a buffer changes."""
+        if torch.compiler.is_compiling():
+            return affine(self)
+        state = tuple((buffer.data_ptr(), buffer._version) for buffer in self.buffers())
+        return self._kept.get(state, lambda: affine(self))
 
 
 def affine(norm: FrozenBatchNorm | nn.BatchNorm2d) -> tuple[Tensor, Tensor]:
@@ -81,7 +89,7 @@ class Convolution(nn.Conv2d):
     def activated(self, x: Tensor, norm: nn.Module, residual: Tensor | None = None) -> Tensor:
         """The ReLU of the same and of what is added to it."""
         if torch.is_grad_enabled() and isinstance(norm, FrozenBatchNorm):
-            return affine_relu(convolve(x, self.weight, None, self.stride[0]), *affine(norm), residual)
+            return affine_relu(convolve(x, self.weight, None, self.stride[0]), *norm.affine(), residual)
         if torch.is_grad_enabled() and isinstance(norm, nn.BatchNorm2d) and norm.training:
             return batch_norm_relu(convolve(x, self.weight, None, self.stride[0]), norm, residual)
         x = self.normalised(x, norm)
@@ -90,7 +98,7 @@ class Convolution(nn.Conv2d):
     def pooled(self, x: Tensor, norm: nn.Module) -> Tensor:
         """The ReLU of the same, and of it the largest of 3x3 cells in steps of two."""
         if torch.is_grad_enabled() and isinstance(norm, FrozenBatchNorm):
-            return affine_relu_pool(convolve(x, self.weight, None, self.stride[0]), *affine(norm))
+            return affine_relu_pool(convolve(x, self.weight, None, self.stride[0]), *norm.affine())
         if torch.is_grad_enabled() and isinstance(norm, nn.BatchNorm2d) and norm.training:
             return batch_norm_relu_pool(convolve(x, self.weight, None, self.stride[0]), norm)
         return max_pool(self.activated(x, norm))

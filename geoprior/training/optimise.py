@@ -74,7 +74,7 @@ def take_step(
         for name, value in learned.items():
             metrics[name] = metrics.get(name, 0.0) + value / config.microbatches
         statistics.add()
-    metrics = _shared(training, metrics, [*_gradients(policy), *statistics.sums])
+    metrics = _shared(training, metrics, statistics)
     statistics.settle()
     if not math.isfinite(metrics["loss"]):
         raise NumericalError(
@@ -99,12 +99,12 @@ def _learn_part(training: Training, step: int, number: int, batch: Batch) -> dic
     return {**{name: float(value) for name, value in scalars.items()}, "loss": loss.item()}
 
 
-def _shared(training: Training, metrics: dict[str, float], tensors: list[Tensor]) -> dict[str, float]:
+def _shared(training: Training, metrics: dict[str, float], statistics: _Statistics) -> dict[str, float]:
     """Add gradients, statistics and metrics up over the processes."""
     if training.team.size == 1:
         return metrics
     numbers = torch.tensor(list(metrics.values()), dtype=torch.float64)
-    training.team.add_up([*tensors, numbers])
+    training.team.add_up([*_gradients(training.policy), *statistics.sums, numbers])
     return dict(zip(metrics, numbers.tolist(), strict=True))
 
 

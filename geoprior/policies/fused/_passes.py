@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+_TYPES = frozenset({torch.float32, torch.bfloat16})
 LEVELS = 256
 """Random numbers of dropout are bytes: probabilities are multiples of 1/256."""
 CHUNK = 64
@@ -13,9 +14,9 @@ CHUNK = 64
 
 def is_fusable(*tensors: Tensor) -> bool:
     """Whether the passes can do it: on the CPU, all float32 or all bfloat16, and nobody traces."""
-    types = {tensor.dtype for tensor in tensors}
-    on_cpu = all(tensor.device.type == "cpu" for tensor in tensors)
-    return on_cpu and types in ({torch.float32}, {torch.bfloat16}) and not torch.compiler.is_compiling()
+    dtype = tensors[0].dtype
+    alike = all(tensor.is_cpu and tensor.dtype == dtype for tensor in tensors)
+    return alike and dtype in _TYPES and not torch.compiler.is_compiling()
 
 
 def at_work(x: Tensor) -> Tensor:

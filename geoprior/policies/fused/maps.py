@@ -128,11 +128,12 @@ def _follow(norm: nn.BatchNorm2d, mean: Tensor, variance: Tensor, count: int) ->
 
 def _rows(x: Tensor) -> Tensor:
     """(rows, k * C) of a map: k cells side by side, a power of two; a view where it can be."""
-    cells = x.permute(0, 2, 3, 1).reshape(-1, x.shape[1])
+    channels = x.shape[1]
+    cells = x.numel() // channels
     side = 1
-    while len(cells) % (2 * side) == 0 and 2 * side * cells.shape[1] <= _WIDE:
+    while cells % (2 * side) == 0 and 2 * side * channels <= _WIDE:
         side *= 2
-    return cells.view(len(cells) // side, -1)
+    return x.permute(0, 2, 3, 1).reshape(cells // side, side * channels)
 
 
 def _empty_maps(x: Tensor) -> Tensor:
@@ -141,8 +142,8 @@ def _empty_maps(x: Tensor) -> Tensor:
 
 def _tiled(numbers: Tensor, rows: Tensor) -> NDArray[np.float32]:
     """(..., C) float32 repeated to the width of the rows."""
-    array: NDArray[np.float32] = np.tile(numbers_of(numbers.float()), rows.shape[1] // numbers.shape[-1])
-    return array
+    side = rows.shape[1] // numbers.shape[-1]
+    return numbers_of(numbers.float().repeat(*[1] * (numbers.dim() - 1), side))
 
 
 def _apply(x: Tensor, scale: Tensor, shift: Tensor, residual: Tensor | None) -> Tensor:
@@ -182,8 +183,7 @@ class _AffineReLU(torch.autograd.Function):
     @torch.autograd.function.once_differentiable
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
         y, scale = ctx.saved_tensors
-        coefficients = torch.stack([scale, torch.zeros_like(scale), torch.zeros_like(scale)])
-        of_x, of_residual = _back(gradient, y, None, coefficients, residual=ctx.has_residual)
+        of_x, of_residual = _back(gradient, y, None, scale.expand(3, -1), residual=ctx.has_residual)
         return of_x, None, None, of_residual
 
 
@@ -241,8 +241,7 @@ class _AffinePool(torch.autograd.Function):
     @torch.autograd.function.once_differentiable
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
         place, scale = ctx.saved_tensors
-        coefficients = torch.stack([scale, torch.zeros_like(scale), torch.zeros_like(scale)])
-        return _pool_back(gradient, place, None, coefficients, ctx.shape), None, None
+        return _pool_back(gradient, place, None, scale.expand(3, -1).contiguous(), ctx.shape), None, None
 
 
 class _BatchNormPool(torch.autograd.Function):
