@@ -11,15 +11,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import prange
 
-from geoprior.compiled import shared
+from geoprior.compiled import shared, shared_sums
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _BLOCK = 2048
 """Numbers taken at a time: all their arrays stay in the first caches."""
-_ROW = 64
-"""Sums that run side by side."""
 
 
 @shared
@@ -68,7 +66,7 @@ def update_halves(
                 h[i] = np.uint16((bits[i] + np.uint32(0x7FFF) + odd) >> np.uint32(16))
 
 
-@shared
+@shared_sums
 def square_sums(lanes: int, gradient: NDArray[np.uint16], sums: NDArray[np.float64]) -> None:
     """The sum of the squares of each block of bfloat16 numbers; blocks do not depend on the lanes.
 
@@ -78,20 +76,12 @@ def square_sums(lanes: int, gradient: NDArray[np.uint16], sums: NDArray[np.float
         sums: One for each `block_count`, result.
     """
     for lane in prange(lanes):
-        bits, totals = np.empty(_BLOCK, np.uint32), np.empty(_ROW, np.float32)
-        numbers = bits.view(np.float32)
         for block in range(sums.size * lane // lanes, sums.size * (lane + 1) // lanes):
             given = gradient[block * _BLOCK : (block + 1) * _BLOCK]
-            bits[given.size :] = np.uint32(0)
+            total = np.float32(0.0)
             for i in range(given.size):
-                bits[i] = np.uint32(given[i]) << np.uint32(16)
-            totals[:] = np.float32(0.0)
-            for first in range(0, _BLOCK, _ROW):
-                for i in range(_ROW):
-                    totals[i] += numbers[first + i] * numbers[first + i]
-            total = 0.0
-            for i in range(_ROW):
-                total += totals[i]
+                number = np.uint32(np.uint32(given[i]) << np.uint32(16)).view(np.float32)
+                total += number * number
             sums[block] = total
 
 
