@@ -14,7 +14,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from geoprior.lanes import in_lanes, numbers_of
-from geoprior.policies.fused._passes import at_work, is_fusable
+from geoprior.policies.fused._passes import arithmetic_of, at_work, is_fusable
 from geoprior.policies.fused.products import contract, correlate
 
 _FEW_CELLS = 16
@@ -109,7 +109,7 @@ def _is_stem(x: Tensor, weight: Tensor, stride: int) -> bool:
     """Whether these are frames, to be convolved in bfloat16 on a CPU while a kernel learns."""
     suits = stride == 2 and weight.shape[-1] % 4 == 3 and x.shape[1] <= _FEW_CHANNELS
     learns = torch.is_grad_enabled() and not x.requires_grad
-    return suits and learns and is_fusable(x) and at_work(x[:0]).dtype == torch.bfloat16
+    return suits and learns and is_fusable(x) and arithmetic_of(x) == torch.bfloat16
 
 
 def _unshuffle(x: Tensor, kernel: int) -> Tensor:

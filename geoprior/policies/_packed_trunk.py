@@ -6,8 +6,8 @@ from itertools import chain
 from typing import TYPE_CHECKING, cast
 
 import torch
-from torch.nn import functional
 
+from geoprior.policies.fused.maps import max_pool
 from geoprior.policies.fused.packed import PackedConvolution, UnfoldedConvolution, pack_convolution
 from geoprior.policies.trunk import affine
 
@@ -39,7 +39,7 @@ class PackedTrunk:
     def __call__(self, frames: Tensor) -> Tensor:
         """(B, 3, H, W) normalised frames to (B, channels, ceil(H / 32), ceil(W / 32)), channels last."""
         frames = frames.to(self._dtype, memory_format=torch.channels_last)
-        x = functional.max_pool2d(self._stem.relu(frames), 3, 2, 1)
+        x = max_pool(self._stem.relu(frames))
         for block in self._blocks:
             x = block(x)
         return x

@@ -13,7 +13,8 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from geoprior.policies._convolution import convolve
-from geoprior.policies.fused.kept import Kept, state_of
+from geoprior.policies.fused._passes import arithmetic_of
+from geoprior.policies.fused.kept import Kept, state_of, versions_of
 from geoprior.policies.fused.maps import (
     affine_relu,
     affine_relu_pool,
@@ -21,7 +22,7 @@ from geoprior.policies.fused.maps import (
     batch_norm_relu_pool,
     max_pool,
 )
-from geoprior.policies.fused.packed import arithmetic_of, is_packable
+from geoprior.policies.fused.packed import is_packable
 
 if TYPE_CHECKING:
     from geoprior.policies._packed_trunk import PackedTrunk
@@ -61,8 +62,7 @@ class FrozenBatchNorm(nn.Module):
         """A factor and an addend for each channel, (C,) each; made anew when a buffer changes."""
         if torch.compiler.is_compiling():
             return affine(self)
-        state = tuple((buffer.data_ptr(), buffer._version) for buffer in self.buffers())
-        return self._kept.get(state, lambda: affine(self))
+        return self._kept.get(versions_of(self.buffers()), lambda: affine(self))
 
 
 def affine(norm: FrozenBatchNorm | nn.BatchNorm2d) -> tuple[Tensor, Tensor]:

@@ -11,8 +11,9 @@ from torch.nn import functional
 from geoprior.policies.act._positions import sinusoid_1d, sinusoid_2d
 from geoprior.policies.act._prediction import PackedAct
 from geoprior.policies.act._transformer import Decoder, Encoder
+from geoprior.policies.fused._passes import arithmetic_of
 from geoprior.policies.fused.kept import Kept, State, state_of
-from geoprior.policies.fused.packed import arithmetic_of, is_packable
+from geoprior.policies.fused.packed import is_packable
 from geoprior.policies.trunk import STRIDE, ResNet18
 
 if TYPE_CHECKING:

@@ -19,9 +19,14 @@ def is_fusable(*tensors: Tensor) -> bool:
     return alike and dtype in _TYPES and not torch.compiler.is_compiling()
 
 
+def arithmetic_of(x: Tensor) -> torch.dtype:
+    """The type that products with x on a CPU are computed in: autocast's, else its own."""
+    return torch.get_autocast_dtype("cpu") if torch.is_autocast_enabled("cpu") else x.dtype
+
+
 def at_work(x: Tensor) -> Tensor:
-    """The tensor in the type that autocast computes in, if it is on."""
-    return x.to(torch.get_autocast_dtype("cpu")) if torch.is_autocast_enabled("cpu") else x
+    """The tensor in the type that it is computed with."""
+    return x.to(arithmetic_of(x))
 
 
 def none_like(x: Tensor) -> Tensor:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 if TYPE_CHECKING:
@@ -45,4 +45,9 @@ def state_of(module: nn.Module) -> State | None:
         tensors += part._parameters.values()
         tensors += part._buffers.values()
         modules += part._modules.values()
+    return versions_of(tensors)
+
+
+def versions_of(tensors: Iterable[Tensor | None]) -> State:
+    """Numbers that differ once one of the tensors was written to or another stands in its place."""
     return tuple((tensor.data_ptr(), tensor._version) for tensor in tensors if tensor is not None)

@@ -14,6 +14,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from geoprior.policies.fused._passes import arithmetic_of
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
@@ -27,11 +29,6 @@ def is_packable(x: Tensor) -> bool:
     quiet = not torch.is_grad_enabled() and not traced
     fit = x.device.type == "cpu" and {x.dtype, arithmetic_of(x)} <= {torch.float32, torch.bfloat16}
     return quiet and fit and _has_operators()
-
-
-def arithmetic_of(x: Tensor) -> torch.dtype:
-    """The type that products with x on a CPU are computed in: autocast's, else its own."""
-    return torch.get_autocast_dtype("cpu") if torch.is_autocast_enabled("cpu") else x.dtype
 
 
 class PackedLinear:
