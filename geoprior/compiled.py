@@ -26,7 +26,8 @@ def compiled(function: Function) -> Function:
     """Compile, and keep the machine code on disk where numba finds a folder that it can write to.
 
     The code runs without the interpreter's lock, divides as NumPy does, and never reorders floating-point
-    sums.
+    sums: what was compiled just now is optimised less often than what comes from the disk, and would take
+    another order.
     """
     return _compile(function)
 
@@ -36,12 +37,9 @@ def shared(function: Function) -> Function:
     return _compile(function, parallel=_LOOPS)
 
 
-def shared_sums(function: Function) -> Function:
-    """The same, and sums over an array may be reordered, as vector units want it.
-
-    The last bits of a sum then depend on the machine, as those of matrix products do: not for shards.
-    """
-    return _compile(function, parallel=_LOOPS, fastmath={"reassoc", "contract", "nsz"})
+def inlined(function: Function) -> Function:
+    """The same for a few lines that compiled functions of its module call once for every row."""
+    return _compile(function, inline="always")
 
 
 def _compile(function: Function, **options: Any) -> Function:

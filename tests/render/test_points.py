@@ -149,20 +149,6 @@ def test_axes_first_is_contiguous():
     assert axes_first(points).flags.c_contiguous
 
 
-def test_the_kernel_compiles_where_no_cache_folder_can_be_written(monkeypatch):
-    from geoprior import compiled
-
-    def njit(cache=False, **options):
-        if cache:
-            raise RuntimeError("cannot cache function: no locator available")
-        return lambda function: (function, options)
-
-    monkeypatch.setattr(compiled.numba, "njit", njit)
-    function, options = compiled.compiled(len)
-    assert function is len
-    assert "fastmath" not in options
-
-
 def test_listing_the_renderer_does_not_import_numba(run_python):
     run_python(
         "import sys; from geoprior.hooks.manager import plugins; plugins(); assert 'numba' not in sys.modules"

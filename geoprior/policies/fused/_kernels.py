@@ -14,7 +14,7 @@ import numpy as np
 from numba import prange, types
 from numba.extending import overload
 
-from geoprior.compiled import compiled, shared, shared_sums
+from geoprior.compiled import compiled, inlined, shared
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 BLOCK = 32
 """Rows and columns of a block: two of them stay in the first cache."""
+PARTS = 64
+"""Sums that a long sum is made of."""
 
 
 def widen(x: Any) -> Any:
@@ -365,7 +367,36 @@ def exponentiate(x: NDArray[np.float32]) -> None:
         x[i] = np.float32(0.0) if x[i] <= lowest else result
 
 
-@shared_sums
+@inlined
+def add_up(x: NDArray[np.float32], parts: NDArray[np.float32]) -> Any:
+    """The sum as float32, in an order that is written down here: vector units can take it as it stands.
+
+    Args:
+        x: Flat.
+        parts: Room for `PARTS` numbers.
+    """
+    total = np.float32(0.0)
+    if x.size < PARTS:
+        for i in range(x.size):
+            total += x[i]
+        return total
+    whole = x.size // PARTS * PARTS
+    parts[:] = total
+    for first in range(0, whole, PARTS):
+        some = x[first : first + PARTS]
+        for j in range(PARTS):
+            parts[j] += some[j]
+    for i in range(whole, x.size):
+        parts[i - whole] += x[i]
+    left = PARTS // 2
+    while left > 0:
+        for j in range(left):
+            parts[j] += parts[left + j]
+        left //= 2
+    return parts[0]
+
+
+@shared
 def drop_add_norm(
     lanes: int,
     x: Numbers,
@@ -400,28 +431,27 @@ def drop_add_norm(
     share = np.float32(1.0) / np.float32(n)
     for lane in prange(lanes):
         words, mask = np.empty((n + 7) // 8, np.uint64), np.empty(n, np.float32)
-        values = np.empty(n, np.float32)
+        values, squares = np.empty(n, np.float32), np.empty(n, np.float32)
+        parts = np.empty(PARTS, np.float32)
         for row in range(len(x) * lane // lanes, len(x) * (lane + 1) // lanes):
             draw_mask(seed, dropped, row, words, mask)
             one, other, between, out = x[row], branch[row], added[row], y[row]
             for i in range(n):
                 between[i] = narrow(widen(one[i]) + (widen(other[i]) + bias[i]) * mask[i], between)
-            total = np.float32(0.0)
             for i in range(n):
                 values[i] = widen(between[i])
-                total += values[i]
-            mean = total * share
-            square = np.float32(0.0)
+            mean = add_up(values, parts) * share
             for i in range(n):
                 values[i] -= mean
-                square += values[i] * values[i]
-            scale = np.float32(1.0) / np.sqrt(square * share + np.float32(epsilon))
+                squares[i] = values[i] * values[i]
+            variance = add_up(squares, parts) * share
+            scale = np.float32(1.0) / np.sqrt(variance + np.float32(epsilon))
             for i in range(n):
                 out[i] = narrow(values[i] * scale * weight[i] + shift[i], out)
             moments[row, 0], moments[row, 1] = mean, scale
 
 
-@shared_sums
+@shared
 def drop_add_norm_back(
     lanes: int,
     chunk: int,
@@ -457,13 +487,13 @@ def drop_add_norm_back(
         words, mask = np.empty((n + 7) // 8, np.uint64), np.empty(n, np.float32)
         unit, slope = np.empty(n, np.float32), np.empty(n, np.float32)
         of_weight, of_bias = np.empty(n, np.float32), np.empty(n, np.float32)
-        of_moved = np.empty(n, np.float32)
+        of_moved, product = np.empty(n, np.float32), np.empty(n, np.float32)
+        parts = np.empty(PARTS, np.float32)
         for number in range(len(totals) * lane // lanes, len(totals) * (lane + 1) // lanes):
             of_weight[:] = of_bias[:] = of_moved[:] = np.float32(0.0)
             for row in range(number * chunk, min((number + 1) * chunk, rows)):
                 slopes, between, out = gradient[row], added[row], of_x[row]
                 mean, scale = moments[row, 0], moments[row, 1]
-                along, total = np.float32(0.0), np.float32(0.0)
                 for i in range(n):
                     unit[i] = (widen(between[i]) - mean) * scale
                     given = widen(slopes[i])
@@ -471,9 +501,8 @@ def drop_add_norm_back(
                     of_weight[i] += given * unit[i]
                     of_bias[i] += given
                 for i in range(n):
-                    total += slope[i]
-                    along += slope[i] * unit[i]
-                total, along = total * share, along * share
+                    product[i] = slope[i] * unit[i]
+                total, along = add_up(slope, parts) * share, add_up(product, parts) * share
                 for i in range(n):
                     slope[i] = scale * (slope[i] - total - unit[i] * along)
                     out[i] = narrow(slope[i], out)
@@ -550,7 +579,7 @@ def relu_drop_back(
             totals[number] = total
 
 
-@shared_sums
+@shared
 def softmax_drop(
     lanes: int,
     scores: Numbers,
@@ -580,7 +609,7 @@ def softmax_drop(
     heads = slabs // max(valid.shape[0], 1)
     for lane in prange(lanes):
         words, mask = np.empty((size + 7) // 8, np.uint64), np.empty(size, np.float32)
-        values = np.empty(size, np.float32)
+        values, parts = np.empty(size, np.float32), np.empty(PARTS, np.float32)
         for slab in range(slabs * lane // lanes, slabs * (lane + 1) // lanes):
             for i in range(size):
                 values[i] = widen(given[slab, i]) * factor
@@ -597,12 +626,9 @@ def softmax_drop(
             exponentiate(values)
             for query in range(queries):
                 row = values[query * keys : (query + 1) * keys]
-                total = np.float32(0.0)
+                share = np.float32(1.0) / add_up(row, parts)
                 for key in range(keys):
-                    total += row[key]
-                total = np.float32(1.0) / total
-                for key in range(keys):
-                    row[key] *= total
+                    row[key] *= share
             draw_mask(seed, dropped, slab, words, mask)
             for i in range(size):
                 out[slab, i] = narrow(values[i], out)
@@ -610,7 +636,7 @@ def softmax_drop(
                 left[slab, i] = narrow(values[i] * mask[i], left)
 
 
-@shared_sums
+@shared
 def softmax_drop_back(
     lanes: int,
     gradient: Numbers,
@@ -638,7 +664,8 @@ def softmax_drop_back(
     factor = np.float32(scale)
     for lane in prange(lanes):
         words, mask = np.empty((size + 7) // 8, np.uint64), np.empty(size, np.float32)
-        share = np.empty(size, np.float32)
+        share, product = np.empty(size, np.float32), np.empty(keys, np.float32)
+        parts = np.empty(PARTS, np.float32)
         for slab in range(slabs * lane // lanes, slabs * (lane + 1) // lanes):
             draw_mask(seed, dropped, slab, words, mask)
             for i in range(size):
@@ -649,9 +676,9 @@ def softmax_drop_back(
                     share[query * keys : (query + 1) * keys],
                     mask[query * keys : (query + 1) * keys],
                 )
-                total = np.float32(0.0)
                 for key in range(keys):
-                    total += of_row[key] * row[key]
+                    product[key] = of_row[key] * row[key]
+                total = add_up(product, parts)
                 for key in range(keys):
                     of_row[key] -= total
             for i in range(size):
