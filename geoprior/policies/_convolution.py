@@ -27,31 +27,29 @@ _FEW_ROWS = 256
 """Maps of so many cells, in all that a batch has of them: the same as few cells."""
 
 
-def convolve(x: Tensor, weight: Tensor, bias: Tensor | None, stride: int) -> Tensor:
-    """A convolution with a padding of half the kernel.
+def convolve(x: Tensor, weight: Tensor, stride: int) -> Tensor:
+    """A convolution without bias, with a padding of half the kernel.
 
     Args:
         x: (B, inputs, H, W).
         weight: (outputs, inputs, k, k), k odd.
-        bias: (outputs,) or none.
         stride: Of the kernel's steps.
 
     Returns:
         (B, outputs, ceil(H / stride), ceil(W / stride)); channels last in memory where products make it.
     """
     kernel = weight.shape[-1]
-    if _is_stem(x, weight, stride) and bias is None:
+    if _is_stem(x, weight, stride):
         return cast("Tensor", _Unshuffled.apply(x, weight))  # type: ignore[no-untyped-call]
     cells = -(-x.shape[-2] // stride) * -(-x.shape[-1] // stride)
     elsewhere = x.device.type != "cpu" or torch.compiler.is_compiling()
     if elsewhere or (cells > _SOME_CELLS and kernel > 1 and not _is_column(x, stride)):
-        return functional.conv2d(x, weight, bias, stride, kernel // 2)
-    convolved = cast("Tensor", _Convolution.apply(at_work(x), weight, stride))  # type: ignore[no-untyped-call]
-    return convolved if bias is None else convolved + bias.to(convolved.dtype)[:, None, None]
+        return functional.conv2d(x, weight, None, stride, kernel // 2)
+    return cast("Tensor", _Convolution.apply(at_work(x), weight, stride))  # type: ignore[no-untyped-call]
 
 
 class _Convolution(torch.autograd.Function):
-    """The passes of a convolution without bias."""
+    """Its two passes."""
 
     @staticmethod
     def forward(ctx: Any, x: Tensor, weight: Tensor, stride: int) -> Tensor:

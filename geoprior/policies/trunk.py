@@ -81,26 +81,30 @@ class Convolution(nn.Conv2d):
     def __init__(self, inputs: int, outputs: int, kernel: int, stride: int) -> None:
         super().__init__(inputs, outputs, kernel, stride, kernel // 2, bias=False)
 
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, inputs, H, W) to (B, outputs, ceil(H / stride), ceil(W / stride))."""
+        return convolve(x, self.weight, self.stride[0])
+
     def normalised(self, x: Tensor, norm: nn.Module) -> Tensor:
         """Convolve (B, C, H, W) and normalise."""
-        normalised: Tensor = norm(convolve(x, self.weight, None, self.stride[0]))
+        normalised: Tensor = norm(self(x))
         return normalised
 
     def activated(self, x: Tensor, norm: nn.Module, residual: Tensor | None = None) -> Tensor:
         """The ReLU of the same and of what is added to it."""
         if torch.is_grad_enabled() and isinstance(norm, FrozenBatchNorm):
-            return affine_relu(convolve(x, self.weight, None, self.stride[0]), *norm.affine(), residual)
+            return affine_relu(self(x), *norm.affine(), residual)
         if torch.is_grad_enabled() and isinstance(norm, nn.BatchNorm2d) and norm.training:
-            return batch_norm_relu(convolve(x, self.weight, None, self.stride[0]), norm, residual)
+            return batch_norm_relu(self(x), norm, residual)
         x = self.normalised(x, norm)
         return functional.relu(x if residual is None else x + residual, inplace=True)
 
     def pooled(self, x: Tensor, norm: nn.Module) -> Tensor:
         """The ReLU of the same, and of it the largest of 3x3 cells in steps of two."""
         if torch.is_grad_enabled() and isinstance(norm, FrozenBatchNorm):
-            return affine_relu_pool(convolve(x, self.weight, None, self.stride[0]), *norm.affine())
+            return affine_relu_pool(self(x), *norm.affine())
         if torch.is_grad_enabled() and isinstance(norm, nn.BatchNorm2d) and norm.training:
-            return batch_norm_relu_pool(convolve(x, self.weight, None, self.stride[0]), norm)
+            return batch_norm_relu_pool(self(x), norm)
         return max_pool(self.activated(x, norm))
 
 
