@@ -124,7 +124,8 @@ def held_out_l1(policy: ACTPolicy, path: Path) -> float:
 def begin(folder: Path, name: str, threads: int) -> tuple[ACTPolicy, list[int]]:
     """The policy with the first weights of all, kept for the other side, and the seeds of the steps.
 
-    ``NAME.json`` has the probability of dropout and the seed of every step's randomness.
+    ``NAME.json`` has the probability of dropout, the seed of every step's randomness, and what the first
+    weights are multiplied with.
     """
     torch.set_num_threads(threads)
     torch.manual_seed(0)
@@ -133,7 +134,7 @@ def begin(folder: Path, name: str, threads: int) -> tuple[ACTPolicy, list[int]]:
     initial = folder / "lerobot_initial.safetensors"
     if not initial.exists():
         save_file(policy.state_dict(), initial)
-    policy.load_state_dict(load_file(initial))
+    policy.load_state_dict({name: asked["nudge"] * tensor for name, tensor in load_file(initial).items()})
     return policy, asked["seeds"]
 
 
