@@ -227,7 +227,7 @@ def compare(curves: dict[str, list[dict[str, Any]]], step: int) -> list[Metric]:
         Metric(f"{name}: held-out L1 after {step} steps", value, "") for name, value in reached.items()
     ]
     for name, value in reached.items():
-        gap = 100.0 * abs(value / reference - 1.0)
+        gap = _gap(value, reference)
         metric = f"{name}: distance from LeRobot's after {step} steps"
         if name in PRECISIONS and step == STEPS:
             metrics.append(at_most(metric, gap, "%", GOAL_PERCENT))
@@ -246,10 +246,14 @@ def compare(curves: dict[str, list[dict[str, Any]]], step: int) -> list[Metric]:
     return metrics
 
 
+def _gap(value: float, reference: float) -> float:
+    """In per cent."""
+    return 100.0 * abs(value / reference - 1.0)
+
+
 def _gap_of_pairs(values: dict[str, float], name: str) -> float:
-    """In per cent, signed: how far the mean of two trainings lies above that of LeRobot's two."""
-    ours, theirs = (fmean((values[one], values[f"{one} nudged"])) for one in (name, "LeRobot"))
-    return 100.0 * (ours / theirs - 1.0)
+    """The same between the mean of two trainings and that of LeRobot's two."""
+    return _gap(*(fmean((values[one], values[f"{one} nudged"])) for one in (name, "LeRobot")))
 
 
 def main() -> None:
@@ -269,6 +273,8 @@ def main() -> None:
     parser.add_argument("--repeat", action="store_true", help="train LeRobot once more, with other draws")
     parser.add_argument("--nudge", action="store_true", help="train both once more, from weights a unit away")
     options = parser.parse_args()
+    if options.nudge and not options.same_noise:
+        parser.error("--nudge compares trainings on the terms of --same-noise: give both")
     work, steps = options.work, options.steps
     work.mkdir(parents=True, exist_ok=True)
     prepare(work)

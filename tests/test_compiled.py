@@ -3,7 +3,7 @@
 from geoprior import compiled
 
 NORM = """
-import hashlib, sys
+import hashlib
 import numpy as np
 from geoprior.policies.fused._kernels import drop_add_norm_back as kernel
 
