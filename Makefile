@@ -4,6 +4,8 @@ VENV ?= .venv
 OUT ?= runs/quickstart
 TEST_WORKERS ?= 2
 BIN := $(VENV)/bin
+# Python compiles what is imported; compiling all that is installed takes a minute longer.
+INSTALL = $(BIN)/pip install --quiet --no-compile --constraint constraints.txt
 
 .DEFAULT_GOAL := help
 .PHONY: help run test test-slow lint format bench clean
@@ -30,7 +32,7 @@ lint: $(VENV)/.installed-dev  ## Check style, types and layers
 format: $(VENV)/.installed-dev  ## Mend what ruff can mend
 	$(BIN)/ruff format . && $(BIN)/ruff check --fix .
 
-bench: $(VENV)/.installed-dev  ## Measure what docs/benchmarks.md reports
+bench: $(VENV)/.installed-dev  ## Measure the quickstart in a new folder; `geoprior bench` has the rest
 	$(BIN)/python benchmarks/quickstart.py --json benchmarks/results/quickstart.json --keep $(OUT)
 
 clean:  ## Remove the virtual environment and caches, not the runs
@@ -44,10 +46,10 @@ $(VENV)/bin/pip:
 
 # robosuite pulls opencv-python, which needs libGL and a desktop's libraries; the headless one is laid over it.
 $(VENV)/.installed: pyproject.toml constraints.txt | $(VENV)/bin/pip
-	$(BIN)/pip install --quiet --constraint constraints.txt --editable .
-	$(BIN)/pip install --quiet --constraint constraints.txt --force-reinstall --no-deps opencv-python-headless
+	$(INSTALL) --editable .
+	$(INSTALL) --force-reinstall --no-deps opencv-python-headless
 	touch $@
 
 $(VENV)/.installed-dev: pyproject.toml constraints.txt | $(VENV)/.installed
-	$(BIN)/pip install --quiet --constraint constraints.txt --editable '.[dev]'
+	$(INSTALL) --editable '.[dev]'
 	touch $@

@@ -22,6 +22,10 @@ if TYPE_CHECKING:
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 INTERRUPTED = 130
 VERBOSE = "--verbose"
+CONFIG_HELP = (
+    "CONFIG is a YAML file or the name of a packaged config; without it, the config that the run folder "
+    "holds, or else the quickstart."
+)
 
 
 def _say(text: str) -> None:
@@ -43,7 +47,7 @@ def cli() -> None:
     \b
     The whole line on the packaged quickstart, then the page with the result:
       geoprior run --out runs/quickstart
-      open runs/quickstart/report/index.html
+      xdg-open runs/quickstart/report/index.html
 
     \b
     Change a key, and see what a config can say:
@@ -68,7 +72,8 @@ def _run_options(function: Callable[..., None]) -> Callable[..., None]:
             "overrides",
             metavar="KEY=VALUE",
             multiple=True,
-            help="Override one key of the config, for example --set generate.episodes=50.",
+            help="Override one key of the config; the value is YAML: --set generate.episodes=50, "
+            "--set finetune.seeds=[0,1], --set robot=xarm7.",
         ),
         click.option("--replace", is_flag=True, help="Run stages whose config has changed again, in place."),
     ]
@@ -103,7 +108,7 @@ def _stage_command(stage: Stage) -> click.Command:
 
     help_text = (
         f"{stage.summary}\n\nOne stage of `geoprior run`, on the same run folder.{reads} "
-        f"It writes {' and '.join(stage.outputs)}."
+        f"It writes {' and '.join(stage.outputs)}.\n\n{CONFIG_HELP}"
     )
     return click.command(stage.name, help=help_text, short_help=stage.summary)(command)
 
@@ -212,6 +217,27 @@ class _Kind(click.ParamType):  # type: ignore[type-arg]  # generic from click 8.
         return value
 
 
+@plugins_group.command("show")
+@click.argument("kind", type=_Kind())
+@click.argument("name")
+@click.option("--json", "as_json", is_flag=True, help="Print the JSON schema of the options.")
+def plugins_show(kind: str, name: str, as_json: bool) -> None:  # noqa: FBT001
+    """Explain the options of one plug-in: default, limits, meaning.
+
+    \b
+      geoprior plugins show policy act
+      geoprior plugins show task pile
+    In a config: `task: {name: pile, gap: 0.16}`; on the command line: --set task=pile --set task.gap=0.16
+    """  # noqa: D301
+    from geoprior.config_schema import option_lines
+    from geoprior.hooks.manager import plugins
+
+    spec = plugins().spec(kind, name)
+    click.echo(
+        json.dumps(spec.config.model_json_schema(), indent=2) if as_json else "\n".join(option_lines(spec))
+    )
+
+
 @plugins_group.command("new")
 @click.argument("name")
 @click.option("--kind", type=_Kind(), required=True, help="What the package shall add.")
@@ -281,10 +307,14 @@ def config_show(config: str | None, overrides: tuple[str, ...]) -> None:
 
 @config_group.command("schema")
 def config_schema() -> None:
-    """Print the JSON schema of a config, for editors and for reading: every key with its meaning."""
-    from geoprior.config import RunConfig
+    """Print the JSON schema of a config, for editors: every key and every plug-in's options.
 
-    click.echo(json.dumps(RunConfig.model_json_schema(), indent=2))
+    `geoprior plugins show KIND NAME` says the same of one plug-in for reading.
+    """
+    from geoprior.config_schema import config_schema as schema
+    from geoprior.hooks.manager import plugins
+
+    click.echo(json.dumps(schema(plugins()), indent=2))
 
 
 @cli.command()
@@ -422,12 +452,13 @@ def export_group() -> None:
 def export_lerobot_policy(checkpoint: Path, out: Path, execute: int | None, ensembling: float | None) -> None:
     """Write a checkpoint of ACT as a folder that LeRobot 0.4.4's ACTPolicy.from_pretrained loads.
 
-    
-      geoprior export lerobot-policy runs/quickstart/checkpoints/finetune/prior-s0/epoch-000192.safetensors \
+    \b
+      geoprior export lerobot-policy runs/quickstart/checkpoints/finetune/prior-s0/epoch-000192.safetensors \\
         --out exported
+
     With it go LeRobot's pre- and post-processors, and observations with the actions that geoprior says to
     them: benchmarks/check_lerobot_export.py compares, where LeRobot is installed.
-    """
+    """  # noqa: D301
     from geoprior.policies.export_lerobot import export_lerobot
 
     for path in export_lerobot(checkpoint, out, execute, ensembling):

@@ -6,6 +6,7 @@ The order of precedence, lowest first: defaults, the file named by ``extends:``,
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Self, get_args
 
@@ -39,6 +40,8 @@ KINDS = {
     ("task",): "task",
 }
 """Where the config names a plug-in, and of which kind."""
+OPEN_KEYS = ("finetune.conditions",)
+"""Mappings whose keys are names of the user's."""
 
 
 class RunConfig(Options):
@@ -116,7 +119,7 @@ def load_config(source: str | Path, overrides: Sequence[str], plugins: Plugins) 
 
     Args:
         source: A YAML file, or the name of a packaged config such as ``quickstart``.
-        overrides: ``a.b=c`` each; the key must exist, the value is YAML.
+        overrides: ``a.b=c`` each, applied in turn; the key must exist, the value is YAML.
         plugins: Where the names are looked up.
 
     Raises:
@@ -128,7 +131,8 @@ def load_config(source: str | Path, overrides: Sequence[str], plugins: Plugins) 
         return config
     tree = config.model_dump(mode="json")
     for override in overrides:
-        tree = _spell_names_out(apply_override(tree, override))
+        tree = _spell_names_out(apply_override(tree, override, OPEN_KEYS))
+        _write_options_out(tree, plugins, f"--set {override}")
     return resolve(validate(tree, "--set"), plugins, "--set")
 
 
@@ -163,10 +167,8 @@ def resolve(config: RunConfig, plugins: Plugins, where: str) -> RunConfig:
     """
     tree = config.model_dump(mode="json")
     for keys, kind, choice in _named(tree):
-        try:
+        with _told_at(where, keys):
             choice.update(plugins.resolve(kind, Choice.model_validate(choice)).model_dump(mode="json"))
-        except ConfigError as error:
-            raise ConfigError(f"{where}: key {keys!r}: {error.message}", error.hint) from error
     return RunConfig.model_validate(tree)
 
 
@@ -190,9 +192,10 @@ def _named(tree: Mapping[str, Any]) -> Iterator[tuple[str, str, dict[str, Any]]]
     for keys, kind in KINDS.items():
         value: Any = tree
         for key in keys:
-            value = (value or {}).get(key, {})
-        for choice in value if isinstance(value, list) else [value] if value else []:
-            yield ".".join(keys), kind, choice
+            value = value.get(key) if isinstance(value, Mapping) else None
+        for choice in value if isinstance(value, list) else [value]:
+            if choice and isinstance(choice, dict):
+                yield ".".join(keys), kind, choice
 
 
 def _spell_names_out(tree: dict[str, Any]) -> dict[str, Any]:
@@ -209,6 +212,27 @@ def _spell_names_out(tree: dict[str, Any]) -> dict[str, Any]:
         elif isinstance(value, list):
             parent[last] = [{"name": item} if isinstance(item, str) else item for item in value]
     return tree
+
+
+def _write_options_out(tree: Mapping[str, Any], plugins: Plugins, where: str) -> None:
+    """Give every plug-in named so far its options, for the next override to find; faulty ones stay.
+
+    Raises:
+        ConfigError: A name is unknown.
+    """
+    for keys, kind, choice in _named(tree):
+        with _told_at(where, keys):
+            plugins.spec(kind, str(choice.get("name")))
+        with suppress(ConfigError, ValidationError):
+            choice.update(plugins.resolve(kind, Choice.model_validate(choice)).model_dump(mode="json"))
+
+
+@contextmanager
+def _told_at(where: str, keys: str) -> Iterator[None]:
+    try:
+        yield
+    except ConfigError as error:
+        raise ConfigError(f"{where}: key {keys!r}: {error.message}", error.hint) from error
 
 
 def _plain(message: str) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -72,8 +72,15 @@ def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
     return merged
 
 
-def apply_override(tree: Mapping[str, Any], override: str) -> dict[str, Any]:
+def apply_override(tree: Mapping[str, Any], override: str, open_keys: Collection[str] = ()) -> dict[str, Any]:
     """The tree with one ``a.b=c`` applied; list items go by number, as in ``generate.motions.0.name``.
+
+    As in `merge`, a mapping whose ``name`` changes keeps no option of the old name.
+
+    Args:
+        tree: A config, dumped.
+        override: ``KEY=VALUE``; the value is YAML.
+        open_keys: Mappings whose keys the user chooses, so that one can be added.
 
     Raises:
         ConfigError: No ``=``, not YAML, or a key that does not exist.
@@ -85,6 +92,10 @@ def apply_override(tree: Mapping[str, Any], override: str) -> dict[str, Any]:
         value = yaml.safe_load(text)
     except yaml.YAMLError as error:
         raise ConfigError(f"--set {override}: the value is not YAML ({_problem(error)})") from error
+    *parents, last = key.split(".")
+    opened = _mapping_at(tree, parents) if ".".join(parents) in open_keys else None
+    if opened is not None:
+        key, value = ".".join(parents), {**opened, last: value}
     return dict(_replaced(tree, key.split("."), value, override))
 
 
@@ -109,6 +120,12 @@ def _renames(below: Mapping[str, Any], value: Mapping[str, Any]) -> bool:
     return "name" in value and value["name"] != below.get("name")
 
 
+def _mapping_at(node: Any, keys: Sequence[str]) -> Mapping[str, Any] | None:
+    for key in keys:
+        node = node.get(key) if isinstance(node, Mapping) else None
+    return node if isinstance(node, Mapping) else None
+
+
 def _replaced(node: Any, keys: Sequence[str], value: Any, override: str) -> Any:
     if not keys:
         return value
@@ -116,7 +133,8 @@ def _replaced(node: Any, keys: Sequence[str], value: Any, override: str) -> Any:
     if isinstance(node, Mapping):
         if key not in node:
             raise ConfigError(f"--set {override}: there is no key {key!r}", suggest(key, node, "keys"))
-        return {**node, key: _replaced(node[key], rest, value, override)}
+        changed = {key: _replaced(node[key], rest, value, override)}
+        return changed if _renames(node, changed) else {**node, **changed}
     if isinstance(node, list):
         if not key.isdecimal() or int(key) >= len(node):
             raise ConfigError(f"--set {override}: {key!r} is not one of the {len(node)} items, from 0")

@@ -146,9 +146,28 @@ def test_set_reaches_plain_keys_list_items_and_plug_in_options():
     assert config.robot.name == "xarm7"
 
 
+def test_overrides_are_applied_in_turn_so_that_a_new_plug_ins_options_can_be_set():
+    config = load("quickstart", "robot=kinova3", "robot.controller=exact", "task=pile", "task.gap=0.16")
+    assert config.robot.options["controller"] == "exact"
+    assert config.task.name == "pile"
+    assert config.task.options["gap"] == 0.16
+    assert load("quickstart", "task=pile").task.options | {"gap": 0.16} == config.task.options
+
+
+def test_set_adds_a_condition_since_its_name_is_the_users():
+    base = load("quickstart").finetune.conditions
+    config = load("quickstart", "finetune.conditions.trunk={init: prior, weights: trunk}")
+    assert config.finetune.conditions.keys() == {*base, "trunk"}
+    assert config.finetune.conditions["trunk"].weights == "trunk"
+    assert {name: config.finetune.conditions[name] for name in base} == base
+
+
 @pytest.mark.parametrize(
     ("override", "message"),
     [
+        ("task=pil", "--set task=pil: key 'task': unknown task 'pil'"),
+        ("finetune.conditions.trunk=3", "key 'finetune.conditions.trunk'"),
+        ("finetune.conditions.trunk.init=prior", "no key 'trunk'"),
         ("generate.episods=3", "no key 'episods'"),
         ("policy.dimension=3", "no key 'dimension'"),
         ("new=3", "no key 'new'"),

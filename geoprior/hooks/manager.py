@@ -204,7 +204,8 @@ class Plugins:
             key = ".".join(str(part) for part in first["loc"])
             known = ", ".join(model.model_fields) or "none"
             raise ConfigError(
-                f"{kind} {choice.name!r}: option {key!r}: {first['msg']}", f"its options: {known}"
+                f"{kind} {choice.name!r}: option {key!r}: {first['msg']}",
+                f"its options: {known} (`geoprior plugins show {kind} {choice.name}` explains them)",
             ) from error
 
     def resolve(self, kind: str, choice: Choice) -> Choice:
