@@ -17,8 +17,9 @@ PAGE = ROOT / "docs" / "benchmarks.md"
 HEAD = """# Benchmarks
 
 Written by `python docs/make_benchmarks.py` from the files in benchmarks/results; do not edit by hand.
-Each was measured on an otherwise idle machine by the command that stands with it. A ratio compares two
-sides that were measured in one run.
+Each was measured by the command that stands with it, on the code of its time, with nothing else running
+here; what other users of the machine do is not in our hands, and its speed swings twofold. A ratio compares
+two sides that took turns in one run, unless a note says otherwise.
 """
 
 
@@ -43,6 +44,7 @@ def section(name: str, content: dict[str, Any]) -> str:
         "",
         f"{machine['cores']} cores of {machine['processor']}; {packages}.",
         "",
+        *([content["note"], ""] if "note" in content else []),
         "| what | measured | goal | |",
         "| --- | ---: | ---: | --- |",
         *(row(result) for result in content["results"]),

@@ -189,7 +189,8 @@ def plugins_group() -> None:
 def plugins_list(as_json: bool) -> None:  # noqa: FBT001
     """List every plug-in found and everything it registers.
 
-    Plug-ins are found by the entry-point group `geoprior`. GEOPRIOR_PLUGINS=a,b allows only those.
+    Plug-ins are found by the entry-point group `geoprior`. GEOPRIOR_PLUGINS=a,b allows only those: names of
+    packages, or of single entry points.
     """
     from geoprior.hooks.listing import as_lines, as_tree
     from geoprior.hooks.manager import plugins
@@ -391,7 +392,8 @@ def shards_verify(path: Path) -> None:
     for fault in faults:
         click.echo(str(fault))
     if faults:
-        raise DataError(f"{path}: {len(faults)} faults", "delete what is damaged and generate it again")
+        count = "one fault" if len(faults) == 1 else f"{len(faults)} faults"
+        raise DataError(f"{path}: {count}", "delete what is damaged and generate it again")
     click.echo(f"{path}: whole")
 
 

@@ -91,6 +91,13 @@ def test_the_allow_list_keeps_it_out_and_says_so(site, tmp_path):
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.parametrize("name", ["torus", "geoprior-torus"])
+def test_the_allow_list_takes_names_of_entry_points_and_of_packages(name, site):
+    done = geoprior(site, "plugins", "list", GEOPRIOR_PLUGINS=f"{name},typo")
+    assert any(line.startswith("  torus ") for line in done.stdout.splitlines())
+    assert "unknown: typo: in GEOPRIOR_PLUGINS, and not installed" in done.stdout
+
+
 def test_an_arm_of_robosuite_is_a_module_of_a_few_lines(site_with, tmp_path):
     """The command line demonstrates a task with an arm that the package adds."""
     small = ("robot=panda", "task=push", "demos.episodes=1", "executor=serial")

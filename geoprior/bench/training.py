@@ -16,8 +16,10 @@ from torch.utils.flop_counter import FlopCounterMode
 
 from geoprior.bench.clock import seconds_of
 from geoprior.bench.metrics import Metric, at_least, at_most
+from geoprior.config import load_config
 from geoprior.executors.local import SerialExecutor
 from geoprior.geometry.camera import CamerasConfig
+from geoprior.hooks.manager import plugins
 from geoprior.options import Choice
 from geoprior.policies.checkpoint import CheckpointHeader
 from geoprior.policies.normalise import Normaliser
@@ -38,7 +40,7 @@ if TYPE_CHECKING:
     from geoprior.sources.source import Source
 
 SIZE, SEED = 96, 40_000
-COMPACT = Choice(name="act", options={"dim": 256, "ffn": 1024, "trunk_width": 32})
+COMPACT = load_config("compact", (), plugins()).policy
 """The policy of the packaged config `compact`."""
 LARGE = Choice(name="act", options={"dim": 512, "ffn": 3200, "trunk_norm": "frozen", "padding": "all"})
 """The sizes that the original ACT and LeRobot's have."""

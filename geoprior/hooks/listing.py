@@ -30,6 +30,7 @@ def as_lines(plugins: Plugins) -> list[str]:
         if plugin.status != "ok":
             reason = plugin.error or "not in GEOPRIOR_PLUGINS"
             lines.append(f"{plugin.status}: {plugin.name} [{plugin.package} {plugin.version}]: {reason}")
+    lines += [f"unknown: {name}: in GEOPRIOR_PLUGINS, and not installed" for name in plugins.unmatched]
     return lines
 
 

@@ -87,6 +87,8 @@ class Plugins:
         self._manager.add_hookspecs(specs)
         self._found: list[Plugin] = []
         self._registry: dict[tuple[str, str], Registered] = {}
+        self.unmatched: tuple[str, ...] = ()
+        """Names of the allow-list that nothing installed bears."""
 
     @property
     def found(self) -> tuple[Plugin, ...]:
@@ -107,11 +109,17 @@ class Plugins:
                     self.register(module, name=name, package=GROUP, version=__version__)
 
     def load_entry_points(self) -> None:
-        """Load third-party plug-ins, each in its own try; ``GEOPRIOR_PLUGINS`` is the allow-list."""
+        """Load third-party plug-ins, each in its own try.
+
+        ``GEOPRIOR_PLUGINS`` is the allow-list: names of entry points, or of packages for all of theirs.
+        """
         allowed = _allow_list()
-        for point in sorted(metadata.entry_points(group=GROUP), key=lambda point: point.name):
+        points = sorted(metadata.entry_points(group=GROUP), key=lambda point: point.name)
+        borne = {name for point in points for name in (point.name, _distribution(point)[0])}
+        self.unmatched = tuple(sorted((allowed or frozenset()) - borne))
+        for point in points:
             plugin = Plugin(point.name, *_distribution(point), "ok", module=point.value)
-            if allowed is not None and point.name not in allowed:
+            if allowed is not None and allowed.isdisjoint((plugin.name, plugin.package)):
                 self._found.append(replace(plugin, status="not allowed"))
                 continue
             try:

@@ -41,6 +41,7 @@ Part = Literal["all", "trunk"]
 _NAME = re.compile(r"epoch-(\d{6,})\.safetensors")
 _NORMALISATION = {"std_floor": STD_FLOOR, "image_mean": list(IMAGE_MEAN), "image_std": list(IMAGE_STD)}
 _TRAIN_AGAIN = "delete it and run the same command again"
+_WHERE = "give an epoch-*.safetensors from RUN/checkpoints/pretrain or RUN/checkpoints/finetune/*"
 
 
 @dataclass(frozen=True)
@@ -135,13 +136,18 @@ def read_header(path: Path) -> CheckpointHeader:
 
 def _read_header(path: Path) -> tuple[CheckpointHeader, Mapping[str, Any]]:
     file = path.with_suffix(".json")
-    if path.is_file() and not file.is_file():
-        raise DataError(f"{path}: its JSON {file.name} is missing: half-written or foreign", _TRAIN_AGAIN)
+    if path.suffix != ".safetensors":
+        raise DataError(f"{path}: not a checkpoint of geoprior", _WHERE)
+    if not file.is_file():
+        if not path.is_file():
+            raise DataError(f"{path}: no such checkpoint", _WHERE)
+        raise DataError(
+            f"{path}: {file.name} does not lie beside it: not one of geoprior, or half-written",
+            "weights of other software have no such file and cannot be read; copy both, or train again",
+        )
     tree = read_json(file)
     if not isinstance(tree, dict) or tree.get("format") != FORMAT:
-        raise DataError(
-            f"{file}: not a checkpoint of geoprior", "give an epoch-*.safetensors of a run folder"
-        )
+        raise DataError(f"{file}: not a checkpoint of geoprior", _WHERE)
     if tree.get("format_version") != FORMAT_VERSION:
         raise DataError(
             f"{file}: checkpoint format {tree.get('format_version')}, this geoprior reads {FORMAT_VERSION}",

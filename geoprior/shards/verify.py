@@ -43,6 +43,9 @@ def verify(path: Path) -> Iterator[Fault]:
     repeated, pickled), headers, poses (finite, quaternions of unit length and continuous, grippers 0 or 1),
     that every frame decodes to its camera's size and kind, and that the episodes agree on cameras, hands
     and fps. One tar is checked for itself alone.
+
+    Raises:
+        DataError: It is no folder of shards at all; the hint says where there are some.
     """
     faults = _shard_faults(path) if path.is_file() else _folder_faults(path)
     whole = True
@@ -83,6 +86,8 @@ def info(path: Path) -> dict[str, Any]:
 
 
 def _folder_faults(folder: Path) -> Iterator[Fault]:
+    if not any(folder.glob("*.tar")) and not (folder / MANIFEST).is_file():
+        read_manifest(folder)  # raises: says where data sets lie
     try:
         manifest = read_manifest(folder)
     except DataError as error:

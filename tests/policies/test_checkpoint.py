@@ -143,15 +143,24 @@ def test_missing_halves(saved):
     file = path.with_suffix(".json")
     content = file.read_bytes()
     file.unlink()
-    with pytest.raises(DataError, match=r"its JSON epoch-000003.json is missing"):
+    with pytest.raises(DataError, match=r"epoch-000003.json does not lie beside it"):
         load_checkpoint(path)
     file.write_bytes(content)
     path.unlink()
     with pytest.raises(DataError, match="no such checkpoint"):
         load_checkpoint(path)
     file.unlink()
-    with pytest.raises(DataError, match=r"epoch-000003.json: no such file"):
+    with pytest.raises(DataError, match=r"epoch-000003.safetensors: no such checkpoint"):
         load_checkpoint(path)
+
+
+@pytest.mark.parametrize("name", ["epoch-000003.json", "README.md", "folder"])
+def test_what_is_no_checkpoint_is_never_to_be_deleted(name, saved):
+    path = saved[0].with_name(name)
+    path.touch()
+    with pytest.raises(DataError, match=f"{name}: not a checkpoint of geoprior") as caught:
+        load_checkpoint(path)
+    assert "delete" not in caught.value.hint
 
 
 def test_foreign_files(saved):

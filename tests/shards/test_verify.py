@@ -4,6 +4,7 @@ import os
 import numpy as np
 import pytest
 
+from geoprior.errors import DataError
 from geoprior.shards.archive import ArchiveWriter, read_members
 from geoprior.shards.codec import encode_npy, encode_png
 from geoprior.shards.manifest import MANIFEST, write_manifest
@@ -287,8 +288,21 @@ def test_an_empty_tar_and_a_file_that_is_none_are_found(tmp_path):
     assert "not a tar" in fault
 
 
-def test_a_path_that_does_not_exist_is_a_fault(tmp_path):
-    (fault,) = texts(tmp_path / "nowhere")
+def test_what_is_no_folder_of_shards_is_not_called_damaged(tmp_path, make_episode):
+    with pytest.raises(DataError, match="no such file"):
+        texts(tmp_path / "nowhere")
+    below = tmp_path / "run" / "shards" / "demos"
+    below.mkdir(parents=True)
+    record = write_shard(below / "a.tar", [make_episode(0)])
+    write_manifest(below, [record])
+    with pytest.raises(DataError, match="no such file") as caught:
+        texts(tmp_path / "run")
+    assert str(below) in caught.value.hint
+
+
+def test_shards_without_a_manifest_are_a_fault(tmp_path, make_episode):
+    write_shard(tmp_path / "a.tar", [make_episode(0)])
+    (fault,) = texts(tmp_path)
     assert "no such file" in fault
 
 

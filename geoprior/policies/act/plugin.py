@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class ActConfig(PolicyOptions):
-    """Sizes and losses of ACT; the defaults train at a hundred samples a second on two cores."""
+    """Sizes and losses of ACT; the packaged config `compact` has sizes for two cores."""
 
     dim: int = Field(256, ge=8, le=4096, multiple_of=4, description="Width of every token.")
     heads: int = Field(8, ge=1, le=64, description="Attention heads; they divide `dim`.")
