@@ -21,7 +21,7 @@ test: $(VENV)/.installed-dev  ## Check style, types and layers, and run the fast
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/python -m pytest -n $(TEST_WORKERS) --dist loadfile
+	$(BIN)/python -m pytest -n $(TEST_WORKERS) --dist worksteal
 
 test-slow: $(VENV)/.installed-dev  ## Run the tests that take minutes
 	$(BIN)/python -m pytest -m slow

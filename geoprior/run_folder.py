@@ -122,12 +122,29 @@ def saved_config(path: Path) -> Path | None:
 
 
 def clear(folder: RunFolder, stage: Stage) -> None:
-    """Remove a stage's record first, then its outputs."""
+    """Remove a stage's record first, then its outputs.
+
+    A folder gets another name before it is emptied: whoever is killed meanwhile leaves no old checkpoint
+    among new ones.
+
+    Raises:
+        ConfigError: An output is a link to a folder elsewhere; nothing is removed then.
+    """
+    outputs = [folder.path / output for output in stage.outputs]
+    for path in outputs:
+        if path.is_symlink() and path.is_dir():
+            raise ConfigError(
+                f"{path}: a link to {path.resolve()}, whose content is of another config",
+                "remove the link, or what it points to, and give the command again",
+            )
     (folder.path / RECORDS / f"{stage.name}.json").unlink(missing_ok=True)
-    for output in stage.outputs:
-        path = folder.path / output
+    for path in outputs:
+        removed = path.with_name(f".{path.name}.removed")
+        if removed.is_dir():
+            shutil.rmtree(removed)
         if path.is_dir():
-            shutil.rmtree(path)
+            path.rename(removed)
+            shutil.rmtree(removed)
         else:
             path.unlink(missing_ok=True)
 

@@ -10,13 +10,15 @@ import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, cast
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
+
+from pydantic import Field, ValidationError
 
 from geoprior import __version__
 from geoprior.errors import DataError
 from geoprior.files import read_json, sha256_file, write_json
 from geoprior.hooks.manager import plugins
-from geoprior.options import Choice
+from geoprior.options import Choice, Options
 from geoprior.policies.normalise import (
     IMAGE_MEAN,
     IMAGE_STD,
@@ -38,6 +40,7 @@ if TYPE_CHECKING:
 FORMAT = "geoprior-checkpoint"
 FORMAT_VERSION = 2
 Part = Literal["all", "trunk"]
+_Pixels = Annotated[int, Field(ge=1, le=16_384)]
 _NAME = re.compile(r"epoch-(\d{6,})\.safetensors")
 _NORMALISATION = {"std_floor": STD_FLOOR, "image_mean": list(IMAGE_MEAN), "image_std": list(IMAGE_STD)}
 _TRAIN_AGAIN = "delete it and run the same command again"
@@ -161,21 +164,32 @@ def _read_header(path: Path) -> tuple[CheckpointHeader, Mapping[str, Any]]:
     try:
         return _parse(tree), tree["weights"]
     except (KeyError, TypeError, ValueError) as error:
-        raise DataError(f"{file}: key missing or malformed: {error}", _TRAIN_AGAIN) from error
+        raise DataError(f"{file}: key missing or malformed: {_plain(error)}", _TRAIN_AGAIN) from error
+
+
+def _plain(error: Exception) -> str:
+    if not isinstance(error, ValidationError):
+        return str(error)
+    first = error.errors(include_url=False)[0]
+    return f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
+
+
+class _Features(Options):
+    """`Features` as a stranger's JSON has them."""
+
+    cameras: tuple[str, ...] = Field(min_length=1, max_length=64)
+    image_size: tuple[_Pixels, _Pixels]
+    hands: tuple[str, ...] = Field(min_length=1, max_length=64)
+    chunk: int = Field(ge=1, le=1000)
 
 
 def _parse(tree: Mapping[str, Any]) -> CheckpointHeader:
-    features = tree["features"]
+    features = Features(**dict(_Features.model_validate(tree["features"])))
     return CheckpointHeader(
         policy=Choice.model_validate(tree["policy"]),
-        features=Features(
-            cameras=tuple(features["cameras"]),
-            image_size=(int(features["image_size"][0]), int(features["image_size"][1])),
-            hands=tuple(features["hands"]),
-            chunk=int(features["chunk"]),
-        ),
+        features=features,
         fps=float(tree["fps"]),
-        statistics=statistics_from_json(tree["statistics"]),
+        statistics=statistics_from_json(tree["statistics"], features.pose_size),
         epoch=int(tree["epoch"]),
         step=int(tree["step"]),
         details=tree["details"],

@@ -20,8 +20,18 @@ def is_large(parameter: nn.Parameter) -> bool:
     return parameter.dim() > 1 and parameter.numel() >= LARGE and dense
 
 
+def takes_half_weights(policy: nn.Module) -> bool:
+    """Whether a policy says that its large weights may be bfloat16; see `geoprior.policies.policy.Policy`."""
+    return bool(getattr(policy, "half_weights", False))
+
+
 def halve(policy: nn.Module) -> None:
-    """Round the large weights to bfloat16 for good, so that autocast need not do it at every prediction."""
+    """Round the large weights to bfloat16 for good, so that autocast need not do it at every prediction.
+
+    Those of a policy that does not take them stay as they are, and autocast rounds them.
+    """
+    if not takes_half_weights(policy):
+        return
     for parameter in policy.parameters():
         if is_large(parameter):
             parameter.data = parameter.data.to(torch.bfloat16)

@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
+from pydantic import NonNegativeFloat, PositiveInt, TypeAdapter
 
 from geoprior.errors import DataError
+from geoprior.options import Options
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -100,12 +102,29 @@ def statistics_to_json(statistics: Statistics) -> dict[str, Any]:
     }
 
 
-def statistics_from_json(tree: Mapping[str, Any]) -> dict[str, FeatureStatistics]:
-    """The inverse of `statistics_to_json`."""
-    return {
-        name: FeatureStatistics(tuple(entry["mean"]), tuple(entry["std"]), int(entry["count"]))
-        for name, entry in tree.items()
-    }
+class _Moments(Options):
+    """`FeatureStatistics` as a stranger's JSON has them."""
+
+    mean: tuple[float, ...]
+    std: tuple[NonNegativeFloat, ...]
+    count: PositiveInt
+
+
+_STATISTICS = TypeAdapter(dict[str, _Moments])
+
+
+def statistics_from_json(tree: Mapping[str, Any], channels: int) -> dict[str, FeatureStatistics]:
+    """The inverse of `statistics_to_json`, for features of so many channels.
+
+    Raises:
+        ValueError: It is something else, or a number is not finite.
+    """
+    found = _STATISTICS.validate_python(tree)
+    statistics = {name: FeatureStatistics(**dict(moments)) for name, moments in found.items()}
+    for name, feature in statistics.items():
+        if {len(feature.mean), len(feature.std)} != {channels}:
+            raise ValueError(f"statistics of {name!r}: expected {channels} channels")
+    return statistics
 
 
 class Normaliser:

@@ -76,6 +76,10 @@ class Policy(Protocol):
         features: As given to the factory.
         trunk_prefixes: How the names of the visual trunk's tensors begin in the state dict, for its own
             learning rate and for partial transfer.
+
+    One attribute more may be there: ``half_weights = True`` says that in bfloat16 on a CPU the large weights
+    may be bfloat16 themselves, which saves rounding them at every step. It holds where all arithmetic with
+    them is under the caller's autocast; a part with autocast switched off would meet two types.
     """
 
     features: Features

@@ -72,14 +72,15 @@ class LoadedPredictor:
                 f"the policy looks through the cameras {', '.join(self.features.cameras)}; "
                 f"it was given {', '.join(sorted(images))}"
             )
-        if pose.shape != (len(pose), self.features.pose_size) or len(pose) == 0:
+        if pose.ndim != 2 or pose.shape[1] != self.features.pose_size or len(pose) == 0:
             raise DataError(f"pose: expected (B, {self.features.pose_size}), found {pose.shape}")
         frames = [as_channels(images[name]) for name in self.features.cameras]
         for name, frame in zip(self.features.cameras, frames, strict=True):
-            if frame.dtype != np.uint8 or frame.shape[:3] != (len(pose), *self.features.image_size):
+            size = (len(pose), *self.features.image_size)
+            if frame.dtype != np.uint8 or frame.shape not in {(*size, 1), (*size, 3)}:
                 raise DataError(
-                    f"camera {name!r}: expected uint8 {(len(pose), *self.features.image_size)}, "
-                    f"found {frame.dtype} {frame.shape}"
+                    f"camera {name!r}: expected uint8 {size}, alone or with three channels, "
+                    f"found {frame.dtype} {images[name].shape}"
                 )
         channels = max(frame.shape[-1] for frame in frames)
         return np.stack([np.broadcast_to(f, (*f.shape[:-1], channels)) for f in frames], axis=1)

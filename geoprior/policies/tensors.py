@@ -55,17 +55,28 @@ def _refuse(path: Path | str, fault: str, names: Iterable[str]) -> None:
 
 
 def save_tensors(path: Path, tensors: Mapping[str, Tensor], metadata: Mapping[str, str]) -> None:
-    """Write a safetensors file atomically.
+    """Write a safetensors file atomically; tensors that share memory are written one by one.
 
     Raises:
         DataError: The folder cannot be written.
     """
     with atomic_path(path) as temporary:
-        contiguous = {name: tensor.detach().contiguous() for name, tensor in tensors.items()}
+        contiguous = _apart({name: tensor.detach().contiguous() for name, tensor in tensors.items()})
         try:
             save_file(contiguous, temporary, dict(metadata))
         except SafetensorError as error:
             raise OSError(str(error)) from error
+
+
+def _apart(tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """The same without two in one memory, as tied weights are."""
+    seen: set[int] = set()
+    apart = {}
+    for name, tensor in tensors.items():
+        place = tensor.untyped_storage().data_ptr()
+        apart[name] = tensor.clone() if place in seen else tensor
+        seen.add(place)
+    return apart
 
 
 def load_tensors(path: Path) -> dict[str, Tensor]:

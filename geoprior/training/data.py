@@ -100,13 +100,17 @@ class Batches:
         slots = self._slots[places]
         numbers = positions // len(self._slots) * len(self._source) + slots
         steps, valid = chunk_steps(times, self._lengths[slots], self._features.chunk, self._config.skip)
-        with self._reading:
-            moments = self._source.read(numbers, steps)
+        moments = self.read(numbers, steps)
         rng = generator(self._seed, "augment", *_number(step, part, parts))
         frames = stack_cameras(moments.frames, self._features.cameras)
         if self._config.image_shift:
             frames = shift_frames(frames, self._config.image_shift, rng)
         return make_batch(moments, add_noise(frames, self._config.image_noise, rng), valid, self._normaliser)
+
+    def read(self, numbers: NDArray[np.int64], steps: NDArray[np.int64]) -> Moments:
+        """What the source reads, one caller at a time: it need not know of threads."""
+        with self._reading:
+            return self._source.read(numbers, steps)
 
     def stream(self, first: int, last: int, parts: Sequence[int] = (0,)) -> Generator[Batch, None, None]:
         """Some microbatches of each of the steps ``first .. last - 1``, one after the other.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -12,11 +12,12 @@ from geoprior.training.data import chunk_steps, make_batch
 from geoprior.training.frames import stack_cameras
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
     from torch import nn
 
     from geoprior.policies.normalise import Normaliser
     from geoprior.policies.policy import Batch, Features, Policy
-    from geoprior.sources.source import Source
+    from geoprior.sources.source import Moments, Source
     from geoprior.training.config import TrainConfig
     from geoprior.training.machine import Machine
 
@@ -37,6 +38,7 @@ class HeldOut:
         features: Chunk and cameras.
         normaliser: Of the training.
         config: Batch size and skip.
+        read: Takes the place of the source's, which a training's loader may be calling meanwhile.
     """
 
     def __init__(
@@ -46,8 +48,10 @@ class HeldOut:
         features: Features,
         normaliser: Normaliser,
         config: TrainConfig,
+        read: Callable[[NDArray[np.int64], NDArray[np.int64]], Moments] | None = None,
     ) -> None:
-        self._source, self._features, self._normaliser = source, features, normaliser
+        self._features, self._normaliser = features, normaliser
+        self._read = read or source.read
         self._config = config
         self._slots = np.repeat(slots, MOMENTS)
         self._lengths = np.array([len(source.poses[slot]) for slot in self._slots])
@@ -80,7 +84,7 @@ class HeldOut:
             steps, valid = chunk_steps(
                 self._times[rows], self._lengths[rows], self._features.chunk, self._config.skip
             )
-            moments = self._source.read(self._slots[rows], steps)
+            moments = self._read(self._slots[rows], steps)
             frames = stack_cameras(moments.frames, self._features.cameras)
             without_noise = torch.from_numpy(np.ascontiguousarray(frames))
             yield make_batch(moments, without_noise, valid, self._normaliser)

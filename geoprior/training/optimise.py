@@ -10,6 +10,7 @@ import torch
 
 from geoprior.errors import NumericalError
 from geoprior.geometry.seeding import integer_seed
+from geoprior.policies.halves import takes_half_weights
 from geoprior.training.adamw import AdamW, HalfAdamW
 
 if TYPE_CHECKING:
@@ -24,7 +25,8 @@ if TYPE_CHECKING:
 def make_optimizer(config: TrainConfig, policy: nn.Module, machine: Machine) -> AdamW:
     """AdamW with the trunk in its own group.
 
-    A batch in several parts, which other processes may share, gathers its gradients in float32.
+    A batch in several parts, which other processes may share, gathers its gradients in float32. Weights are
+    lent in bfloat16 to a policy that says that it takes them, see `geoprior.policies.policy.Policy`.
     """
     prefixes = cast("Policy", policy).trunk_prefixes
     trunk: list[nn.Parameter] = []
@@ -38,7 +40,8 @@ def make_optimizer(config: TrainConfig, policy: nn.Module, machine: Machine) -> 
         for parameters, rate in zip((trunk, rest), rates, strict=True)
         if parameters
     ]
-    if machine.device == "cpu" and machine.precision == "bf16" and config.microbatches == 1:
+    lends = machine.device == "cpu" and machine.precision == "bf16" and config.microbatches == 1
+    if lends and takes_half_weights(policy):
         return HalfAdamW(groups, config.weight_decay)
     return AdamW(groups, config.weight_decay)
 

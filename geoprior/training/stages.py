@@ -164,19 +164,21 @@ def train(config: TrainConfig, job: Job, choice: Choice, source: Source, machine
         "data": {"digest": source.digest, "episodes": len(slots)},
         "transfer": transfer,
     }
+    normaliser = Normaliser(statistics)
+    batches = Batches(source, features, normaliser, config, job.seed, slots)
     training = Training(
         run=job.run,
         folder=job.folder,
         config=config,
         policy=policy,
-        batches=Batches(source, features, Normaliser(statistics), config, job.seed, slots),
+        batches=batches,
         episodes=len(slots),
         seed=job.seed,
         machine=machine,
         header=CheckpointHeader(choice, features, fps, statistics, 0, 0, details),
         fingerprint=sha256_json({"policy": choice.model_dump(mode="json"), "fps": fps, **details}),
         team=team(),
-        held_out=HeldOut(source, aside, features, Normaliser(statistics), config) if aside else None,
+        held_out=HeldOut(source, aside, features, normaliser, config, batches.read) if aside else None,
     )
     return fit(training)
 

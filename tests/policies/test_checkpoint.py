@@ -21,7 +21,7 @@ from geoprior.policies.checkpoint import (
 )
 from geoprior.policies.normalise import measure
 from geoprior.policies.policy import Features
-from geoprior.policies.tensors import save_tensors
+from geoprior.policies.tensors import load_tensors, save_tensors
 
 FEATURES = Features(cameras=("hand", "third"), image_size=(40, 64), hands=("hand",), chunk=5)
 OPTIONS = {
@@ -195,7 +195,7 @@ def test_other_versions(saved):
 def test_a_missing_key_is_named(saved):
     path, _ = saved
     edit_json(path, features={"cameras": ["hand"]})
-    with pytest.raises(DataError, match="key missing or malformed: 'image_size'"):
+    with pytest.raises(DataError, match="key missing or malformed: image_size: Field required"):
         load_checkpoint(path)
 
 
@@ -238,7 +238,9 @@ def test_a_renamed_camera(saved, make_act):
 def test_hands_in_another_order(saved, make_act):
     path, _ = saved
     trained = replace(FEATURES, hands=("left", "right"))
-    header = replace(load_checkpoint(path)[0], features=trained)
+    sixteen = measure([np.random.default_rng(0).normal(size=(20, 16)).astype(np.float32)])
+    statistics = {"pose": sixteen, "action": sixteen}
+    header = replace(load_checkpoint(path)[0], features=trained, statistics=statistics)
     policy = make_act(features=trained)
     save_checkpoint(path, policy.state_dict(), header)
     load_weights(make_act(features=trained), path)
@@ -267,3 +269,58 @@ def test_an_unwritable_folder(tmp_path, make_act):
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(DataError, match="cannot be written"):
         save_checkpoint(checkpoint_path(tmp_path / "file", 1), make_act().state_dict(), make_header())
+
+
+def test_tied_weights_are_saved_under_both_names(tmp_path):
+    weight = torch.arange(6.0).reshape(2, 3)
+    save_tensors(tmp_path / "tied.safetensors", {"a": weight, "b": weight, "c": weight[1]}, {})
+    loaded = load_tensors(tmp_path / "tied.safetensors")
+    assert loaded.keys() == {"a", "b", "c"}
+    assert torch.equal(loaded["a"], weight)
+    assert torch.equal(loaded["b"], weight)
+    assert torch.equal(loaded["c"], weight[1])
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("chunk", -1),
+        ("chunk", 10**12),
+        ("chunk", "many"),
+        ("image_size", [0, 96]),
+        ("image_size", [96]),
+        ("cameras", []),
+        ("hands", "hand"),
+        ("focus", 1),
+    ],
+)
+def test_features_of_a_stranger_are_checked(key, value, saved):
+    path = saved[0]
+    features = json.loads(path.with_suffix(".json").read_text())["features"]
+    edit_json(path, features={**features, key: value})
+    with pytest.raises(DataError, match="key missing or malformed"):
+        load_checkpoint(path)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("mean", [0.0]),
+        ("mean", ["a"] * 8),
+        ("mean", [None] * 8),
+        ("mean", 0.0),
+        ("std", [float("nan")] * 8),
+        ("std", [-1.0] * 8),
+        ("std", [1.0] * 7),
+        ("count", -3),
+    ],
+)
+def test_statistics_of_a_stranger_are_checked(key, value, saved):
+    path = saved[0]
+    statistics = json.loads(path.with_suffix(".json").read_text())["statistics"]
+    edit_json(path, statistics={**statistics, "pose": {**statistics["pose"], key: value}})
+    with pytest.raises(DataError, match="key missing or malformed"):
+        load_checkpoint(path)
+    edit_json(path, statistics=[])
+    with pytest.raises(DataError, match="key missing or malformed"):
+        load_checkpoint(path)

@@ -79,7 +79,7 @@ def test_a_feature_without_statistics_is_named():
 
 def test_json_keeps_every_bit():
     statistics = both(rows(5, 17))
-    assert statistics_from_json(statistics_to_json(statistics)) == statistics
+    assert statistics_from_json(statistics_to_json(statistics), 3) == statistics
     assert isinstance(statistics["pose"], FeatureStatistics)
 
 

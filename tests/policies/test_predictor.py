@@ -131,3 +131,18 @@ def test_two_hands_are_treated_alike():
     assert commands[:, [7, 15]].tolist() == [[0.0, 1.0], [0.0, 1.0]]
     np.testing.assert_allclose(np.linalg.norm(commands[:, 11:15], axis=-1), 1.0, atol=1e-6)
     np.testing.assert_array_equal(commands[:, 8:11], actions[:, 8:11])
+
+
+@pytest.mark.parametrize("shape", [(2, 40, 64, 4), (2, 40, 64, 2), (2, 40, 64, 3, 1), (2, 40), (40, 64, 3)])
+def test_frames_have_one_channel_or_three(shape, make_predictor):
+    pose, frames = observe(2)
+    frames["hand"] = np.zeros(shape, np.uint8)
+    with pytest.raises(DataError, match="camera 'hand': expected uint8"):
+        make_predictor().predict(pose, frames)
+
+
+@pytest.mark.parametrize("shape", [(), (8,), (2, 8, 1)])
+def test_a_pose_has_two_axes(shape, make_predictor):
+    _, frames = observe(2)
+    with pytest.raises(DataError, match="pose: expected"):
+        make_predictor().predict(np.zeros(shape, np.float32), frames)

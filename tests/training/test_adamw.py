@@ -1,11 +1,17 @@
 """The optimiser that lends bfloat16 weights, against torch's own under autocast."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 from torch import nn
+from training_material import FakeStore, LinearPolicy, make_demonstration, make_training
 
 from geoprior.policies.halves import LARGE
 from geoprior.training.adamw import AdamW, HalfAdamW
+from geoprior.training.loop import fit
+from geoprior.training.machine import Machine
+from geoprior.training.optimise import make_optimizer
 from geoprior.training.resume import Progress, load_progress, save_progress
 
 DECAY, RATE = 1e-2, 1e-3
@@ -148,3 +154,26 @@ def test_a_training_that_goes_on_takes_the_same_steps(tmp_path):
     assert steps(later, optimizer, 5) == steps(whole, whole_optimizer, 5)
     for found, expected in zip(later.parameters(), whole.parameters(), strict=True):
         assert torch.equal(found, expected)
+
+
+class PartlyFloat32(LinearPolicy):
+    """Switches autocast off for a part of its loss, as many policies do."""
+
+    def __init__(self, features):
+        super().__init__(features)
+        self.widen, self.narrow = torch.nn.Linear(8, 4096), torch.nn.Linear(4096, 8)
+
+    def act(self, observation):
+        base = super().act(observation)
+        with torch.autocast("cpu", enabled=False):
+            return base.float() + self.narrow(self.widen(observation["pose"].float()).tanh())[:, None]
+
+
+def test_half_weights_are_lent_only_to_a_policy_that_takes_them(tmp_path):
+    store = FakeStore([make_demonstration(index, steps=6) for index in range(4)])
+    training = make_training(store, tmp_path, precision="bf16")
+    policy = PartlyFloat32(training.policy.features)
+    training = replace(training, policy=policy, machine=Machine("cpu", "bf16", 1))
+    assert fit(training)["metrics"]["l1"] > 0.0
+    policy.half_weights = True
+    assert isinstance(make_optimizer(training.config, policy, training.machine), HalfAdamW)

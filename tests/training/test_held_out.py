@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -16,10 +17,12 @@ from geoprior.errors import ConfigError
 from geoprior.policies.checkpoint import list_checkpoints, load_checkpoint
 from geoprior.policies.normalise import Normaliser
 from geoprior.sources.shards import ShardSource
+from geoprior.training.config import ConditionConfig, PretrainConfig
 from geoprior.training.data import Batches, features_of, split_slots, statistics_of
 from geoprior.training.held_out import MOMENTS, HeldOut
 from geoprior.training.loop import RESULT_NAME, fit
-from geoprior.training.stages import build_policy
+from geoprior.training.machine import Machine
+from geoprior.training.stages import Job, build_policy, train
 
 
 class Watched(FakeStore):
@@ -160,3 +163,35 @@ def test_judging_changes_nothing_of_the_training(store, tmp_path):
     for name, tensor in judged.policy.state_dict().items():
         assert torch.equal(unjudged.policy.state_dict()[name], tensor)
     assert "held_out_l1" not in (tmp_path / "b" / RESULT_NAME).read_text()
+
+
+class OneFile(ShardSource):
+    """A source that cannot be read twice at a time, as one with one open file."""
+
+    inside = 0
+
+    def read(self, numbers, steps):
+        OneFile.inside += 1
+        try:
+            assert OneFile.inside == 1, "read by two at a time"
+            time.sleep(0.002)
+            return super().read(numbers, steps)
+        finally:
+            OneFile.inside -= 1
+
+
+@pytest.mark.parametrize("workers", [0, 2])
+def test_a_source_is_read_by_one_at_a_time_though_loader_and_judge_both_read(workers, store, tmp_path):
+    config = PretrainConfig(
+        epochs=12,
+        batch_size=2,
+        checkpoint_every=1,
+        held_out=0.3,
+        prefetch=4,
+        loader_workers=workers,
+        threads=1,
+        precision="fp32",
+    )
+    job = Job("test", 0, ConditionConfig(init="scratch"), None, tmp_path)
+    result = train(config, job, TINY_ACT, OneFile(store), Machine("cpu", "fp32", 1))
+    assert result["metrics"]["held_out_l1"] > 0.0

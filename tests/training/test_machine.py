@@ -6,7 +6,7 @@ import torch
 from geoprior.errors import DataError, MachineError
 from geoprior.training import machine
 from geoprior.training.config import TrainConfig
-from geoprior.training.machine import Machine, decide_machine
+from geoprior.training.machine import Machine, arithmetic, decide_machine
 
 DEVICE = "cuda" if torch.cuda.is_available() else "cpu"
 
@@ -49,3 +49,15 @@ def test_a_gpu_that_is_not_there_is_said(tmp_path):
     with pytest.raises(MachineError, match="torch finds no GPU"):
         decide_machine(TrainConfig(device="cuda"), tmp_path)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_only_the_own_gpus_random_state_is_kept(monkeypatch):
+    asked = []
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(torch.cuda, "device_count", lambda: 4)
+    monkeypatch.setattr(torch.cuda, "current_device", lambda: 2)
+    monkeypatch.setattr(torch.cuda, "get_rng_state", lambda device: asked.append(device) or torch.zeros(1))
+    monkeypatch.setattr(torch.cuda, "set_rng_state", lambda *_: None)
+    with arithmetic(1):
+        pass
+    assert asked == [2]

@@ -32,6 +32,7 @@ class ActNetwork(nn.Module):
     """
 
     trunk_prefixes: tuple[str, ...] = ("trunk.",)
+    half_weights = True
     image_position: Tensor
     vae_position: Tensor
 

@@ -27,7 +27,7 @@ class ActConfig(PolicyOptions):
         4, ge=1, le=24, description="Layers of the action encoder, used in training only."
     )
     latent: int = Field(32, ge=1, le=1024, description="Size of the style variable.")
-    dropout: float = Field(0.1, ge=0.0, lt=1.0, description="Dropout in all transformer layers.")
+    dropout: float = Field(0.1, ge=0.0, le=0.95, description="Dropout in all transformer layers.")
     kl_weight: float = Field(10.0, ge=0.0, description="Weight of the KL divergence in the loss.")
     padding: Literal["valid", "all"] = Field(
         "valid",

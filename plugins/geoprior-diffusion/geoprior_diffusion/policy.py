@@ -30,6 +30,7 @@ class DiffusionPolicy(nn.Module):
     """
 
     trunk_prefixes: tuple[str, ...] = ("network.trunk.",)
+    half_weights = True
 
     def __init__(self, config: DiffusionConfig, features: Features) -> None:
         super().__init__()
