@@ -174,7 +174,7 @@ class OneFile(ShardSource):
         OneFile.inside += 1
         try:
             assert OneFile.inside == 1, "read by two at a time"
-            time.sleep(0.002)
+            time.sleep(0.05)
             return super().read(numbers, steps)
         finally:
             OneFile.inside -= 1
@@ -183,7 +183,7 @@ class OneFile(ShardSource):
 @pytest.mark.parametrize("workers", [0, 2])
 def test_a_source_is_read_by_one_at_a_time_though_loader_and_judge_both_read(workers, store, tmp_path):
     config = PretrainConfig(
-        epochs=12,
+        epochs=3,
         batch_size=2,
         checkpoint_every=1,
         held_out=0.3,
