@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numba
 import torch
+from threadpoolctl import ThreadpoolController
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -40,6 +41,17 @@ def in_lanes(kernel: Callable[..., None], numbers: int, *arguments: Any) -> None
         return
     with _turns:
         kernel(lanes, *arguments)
+
+
+def stay_alone() -> None:
+    """Keep the torch operators of the Python thread that calls this on that thread.
+
+    OpenMP gives every Python thread that runs an operator a team of its own. With more threads in teams than
+    there are cores, GNU's library lets all teams sleep where they would wait awake, and a step of a training,
+    which meets thousands of such places, takes twice as long.
+    """
+    torch.get_num_threads()  # torch sets a thread's number when it is first asked; this comes before ours
+    ThreadpoolController().select(user_api="openmp").limit(limits=1)
 
 
 def numbers_of(tensor: Tensor) -> NDArray[Any]:

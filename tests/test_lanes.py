@@ -3,6 +3,7 @@
 import threading
 
 import numpy as np
+import pytest
 import torch
 from numba import prange
 
@@ -62,3 +63,28 @@ def test_numbers_of_a_tensor_are_a_view():
     y = torch.zeros(3)
     numbers_of(y)[1] = 4.0
     assert y.tolist() == [0.0, 4.0, 0.0]
+
+
+COUNT_THREADS = """
+import os
+from concurrent.futures import ThreadPoolExecutor
+import torch
+from geoprior.lanes import stay_alone
+
+def threads():
+    return len(os.listdir("/proc/self/task"))
+
+torch.set_num_threads(2)
+x = torch.ones(2**22)
+x + 1
+before = threads()
+with ThreadPoolExecutor(1, initializer={initializer}) as pool:
+    pool.submit(torch.add, x, 1).result()
+    print(threads() - before, torch.get_num_threads())
+"""
+
+
+@pytest.mark.parametrize(("initializer", "more"), [("None", 2), ("stay_alone", 1)])
+def test_a_python_thread_that_stays_alone_brings_no_team(initializer, more, run_python):
+    """And the number of torch's threads elsewhere is what it was."""
+    assert run_python(COUNT_THREADS.format(initializer=initializer)).split() == [str(more), "2"]

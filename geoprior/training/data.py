@@ -14,6 +14,7 @@ import torch
 
 from geoprior.errors import ConfigError
 from geoprior.geometry.seeding import generator
+from geoprior.lanes import stay_alone
 from geoprior.policies.normalise import FeatureStatistics, Normaliser, measure, normalise_images
 from geoprior.policies.policy import Batch, Features
 from geoprior.training.frames import add_noise, shift_frames, stack_cameras
@@ -122,7 +123,8 @@ class Batches:
         if self._config.prefetch == 0 or self._config.loader_workers == 0:
             yield from starmap(self.batch, wanted)
             return
-        with ThreadPoolExecutor(self._config.loader_workers, thread_name_prefix="batches") as pool:
+        workers = self._config.loader_workers
+        with ThreadPoolExecutor(workers, thread_name_prefix="batches", initializer=stay_alone) as pool:
             ahead: deque[Future[Batch]] = deque()
             try:
                 for step, part in wanted:
