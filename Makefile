@@ -4,8 +4,7 @@ VENV ?= .venv
 OUT ?= runs/quickstart
 TEST_WORKERS ?= 2
 BIN := $(VENV)/bin
-# Python compiles what is imported; compiling all that is installed takes a minute longer.
-INSTALL = $(BIN)/pip install --quiet --no-compile --constraint constraints.txt
+INSTALL = $(BIN)/pip install --quiet --constraint constraints.txt
 
 .DEFAULT_GOAL := help
 .PHONY: help run test test-slow lint format bench clean

@@ -3,6 +3,7 @@ import subprocess
 import sys
 
 import pytest
+from filelock import FileLock
 from hypothesis import settings
 
 # How long an example takes says something about the machine and nothing about the code.
@@ -55,10 +56,15 @@ def tiny_config(tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
-def tiny_run(tiny_config, tmp_path_factory):
-    """A finished run of it; copy it before you harm it."""
-    run = tmp_path_factory.mktemp("tiny") / "run"
-    command = [sys.executable, "-m", "geoprior", "run", str(tiny_config), "--out", str(run)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+def tiny_run(tmp_path_factory):
+    """A finished run of it, made once for all test processes; copy it before you harm it."""
+    base = tmp_path_factory.getbasetemp()
+    shared = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+    run, config = shared / "tiny" / "run", shared / "tiny.yaml"
+    with FileLock(shared / "tiny.lock"):
+        if not run.exists():
+            config.write_text(TINY)
+            command = [sys.executable, "-m", "geoprior", "run", str(config), "--out", str(run)]
+            done = subprocess.run(command, capture_output=True, text=True, check=False)
+            assert done.returncode == 0, done.stderr
     return run
