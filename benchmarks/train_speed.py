@@ -27,7 +27,7 @@ from geoprior.bench.inference import make_predictor, times_of_predictions
 from geoprior.bench.metrics import Metric, at_least, at_most, report
 from geoprior.bench.training import LARGE, machine_rates, make_source, make_training, times_of_steps
 from geoprior.files import write_json
-from geoprior.training.machine import arithmetic
+from geoprior.training.machine import Machine, arithmetic
 from geoprior.training.optimise import make_optimizer
 
 WORKER = Path(__file__).with_name("lerobot_act.py")
@@ -57,7 +57,7 @@ def measure_training(lerobot: LeRobot, rounds: int, steps: int) -> Iterator[Metr
     with (
         tempfile.TemporaryDirectory() as folder,
         closing(make_source(Path(folder))) as source,
-        arithmetic(threads),
+        arithmetic(Machine("cpu", "fp32", threads)),
     ):
         for size in BATCHES:
             sides = {}

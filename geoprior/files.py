@@ -5,8 +5,9 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +38,11 @@ def atomic_path(path: Path) -> Iterator[Path]:
             temporary.unlink(missing_ok=True)
 
 
+def is_temporary(path: Path) -> bool:
+    """Whether it is what a killed write left behind."""
+    return path.name.startswith(".") and ".tmp" in path.name
+
+
 def write_bytes(path: Path, content: bytes) -> None:
     """Write a file atomically."""
     with atomic_path(path) as temporary:
@@ -49,20 +55,29 @@ def write_json(path: Path, value: Any) -> None:
     write_bytes(path, f"{text}\n".encode())
 
 
+def finite(numbers: Mapping[str, float]) -> dict[str, float | None]:
+    """The same for JSON, which knows neither NaN nor infinity: they become null."""
+    return {name: number if isfinite(number) else None for name, number in numbers.items()}
+
+
 def read_json(path: Path) -> Any:
     """Read JSON.
 
     Raises:
-        DataError: The file is missing, cut off or not JSON.
+        DataError: The file is missing, cut off or not JSON, which knows neither NaN nor infinity.
     """
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
+        return json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse)
     except FileNotFoundError as error:
         raise DataError(f"{path}: no such file") from error
     except (OSError, ValueError) as error:
         raise DataError(
             f"{path}: not readable as JSON ({error})", "delete the file and run the same command again"
         ) from error
+
+
+def _refuse(constant: str) -> None:
+    raise ValueError(f"{constant} is no JSON")
 
 
 def sha256_file(path: Path) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 from pydantic import (
     BaseModel,
@@ -21,6 +21,14 @@ class Options(BaseModel):
     """A frozen model that refuses unknown keys. Document every field: the JSON schema shows it."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    speed_only: ClassVar[frozenset[str]] = frozenset()
+    """Names of the fields that never change a result: what was made with others stays good."""
+
+
+def deciding(options: BaseModel) -> dict[str, Any]:
+    """The fields that a result depends on, as JSON: all but those named in ``speed_only``."""
+    return options.model_dump(mode="json", exclude=set(getattr(options, "speed_only", ())))
 
 
 class Choice(Options):

@@ -77,7 +77,7 @@ def _measure(*, rounds: int, steps: int, goals: bool) -> Iterator[Metric]:
     with (
         tempfile.TemporaryDirectory() as folder,
         closing(make_source(Path(folder))) as source,
-        arithmetic(threads),
+        arithmetic(Machine("cpu", "fp32", threads)),
     ):
         yield from _measure_loop(source, rounds, steps, threads, goals=goals)
         measured = _Rounds(threads, rounds, steps)

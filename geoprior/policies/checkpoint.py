@@ -12,10 +12,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
-from pydantic import Field, ValidationError
+from pydantic import BaseModel, Field, JsonValue, ValidationError
 
 from geoprior import __version__
-from geoprior.errors import DataError
+from geoprior.errors import ConfigError, DataError
 from geoprior.files import read_json, sha256_file, write_json
 from geoprior.hooks.manager import plugins
 from geoprior.options import Choice, Options
@@ -76,6 +76,12 @@ class CheckpointHeader:
     epoch: int
     step: int
     details: Mapping[str, Any]
+
+    @property
+    def data(self) -> str | None:
+        """Digest of what it was trained on, where the details say so."""
+        data = self.details.get("data")
+        return data.get("digest") if isinstance(data, Mapping) else None
 
 
 def checkpoint_path(folder: Path, epoch: int) -> Path:
@@ -162,12 +168,12 @@ def _read_header(path: Path) -> tuple[CheckpointHeader, Mapping[str, Any]]:
             "use the version of geoprior that wrote it",
         )
     try:
-        return _parse(tree), tree["weights"]
-    except (KeyError, TypeError, ValueError) as error:
+        return _parse(_Tree.model_validate(tree)), tree["weights"]
+    except ValueError as error:
         raise DataError(f"{file}: key missing or malformed: {_plain(error)}", _TRAIN_AGAIN) from error
 
 
-def _plain(error: Exception) -> str:
+def _plain(error: ValueError) -> str:
     if not isinstance(error, ValidationError):
         return str(error)
     first = error.errors(include_url=False)[0]
@@ -183,16 +189,36 @@ class _Features(Options):
     chunk: int = Field(ge=1, le=1000)
 
 
-def _parse(tree: Mapping[str, Any]) -> CheckpointHeader:
-    features = Features(**dict(_Features.model_validate(tree["features"])))
+class _Weights(Options):
+    """The file beside it."""
+
+    bytes: int = Field(ge=0)
+    sha256: str = Field(pattern="^[0-9a-f]{64}$")
+
+
+class _Tree(BaseModel):
+    """What a stranger's JSON must have; what else it has is not looked at."""
+
+    policy: Choice
+    features: _Features
+    fps: float = Field(gt=0.0, le=10_000.0)
+    statistics: dict[str, Any]
+    epoch: int = Field(ge=0)
+    step: int = Field(ge=0)
+    details: dict[str, JsonValue]
+    weights: _Weights
+
+
+def _parse(tree: _Tree) -> CheckpointHeader:
+    features = Features(**dict(tree.features))
     return CheckpointHeader(
-        policy=Choice.model_validate(tree["policy"]),
+        policy=tree.policy,
         features=features,
-        fps=float(tree["fps"]),
-        statistics=statistics_from_json(tree["statistics"], features.pose_size),
-        epoch=int(tree["epoch"]),
-        step=int(tree["step"]),
-        details=tree["details"],
+        fps=tree.fps,
+        statistics=statistics_from_json(tree.statistics, features.pose_size),
+        epoch=tree.epoch,
+        step=tree.step,
+        details=tree.details,
     )
 
 
@@ -209,10 +235,16 @@ def load_weights(policy: nn.Module, path: Path, which: Part = "all") -> tuple[st
 
     Raises:
         DataError: A camera or a hand is named otherwise, or a tensor is missing, extra or of another shape.
+        ConfigError: The trunk's are wanted and the policy has none.
     """
     header, tensors = load_checkpoint(path)
     ours = cast("Policy", policy)
     if which == "trunk":
+        if not ours.trunk_prefixes:
+            raise ConfigError(
+                f"policy {header.policy.name!r} has no trunk, so nothing would be taken of {path}",
+                "set the condition's weights to all",
+            )
         taken = {name: tensor for name, tensor in tensors.items() if name.startswith(ours.trunk_prefixes)}
         return fill(policy, taken, path, ours.trunk_prefixes)
     for what in ("cameras", "hands"):

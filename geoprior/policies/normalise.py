@@ -6,7 +6,7 @@ unchanged trains to a policy that fails in silence.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -43,18 +43,18 @@ class FeatureStatistics:
 Statistics = Mapping[str, FeatureStatistics]
 
 
-def measure(rows: Iterable[NDArray[np.float32]]) -> FeatureStatistics:
-    """The statistics over the rows of all arrays, each (N, channels).
+def measure(rows: Sequence[NDArray[np.float32]]) -> FeatureStatistics:
+    """The statistics over the rows of all arrays, each (N, channels): no more than one is in memory twice.
 
     Raises:
         DataError: There are no rows.
     """
-    table = np.concatenate([np.asarray(row, dtype=np.float64) for row in rows] or [np.zeros((0, 1))])
-    if len(table) == 0:
+    count = sum(len(row) for row in rows)
+    if count == 0:
         raise DataError("there are no time steps to take statistics of")
-    return FeatureStatistics(
-        tuple(table.mean(axis=0).tolist()), tuple(table.std(axis=0).tolist()), len(table)
-    )
+    mean = sum(row.sum(axis=0, dtype=np.float64) for row in rows) / count
+    squares = sum(np.square(row - mean).sum(axis=0) for row in rows)
+    return FeatureStatistics(tuple(mean.tolist()), tuple(np.sqrt(squares / count).tolist()), count)
 
 
 def merge(first: Statistics, second: Statistics) -> dict[str, FeatureStatistics]:

@@ -16,6 +16,8 @@ class TrainConfig(Options):
     ``ceil(epochs * episodes / batch_size)`` steps; a batch may span the border of two epochs.
     """
 
+    speed_only = frozenset({"loader_workers", "prefetch", "frame_cache_mb", "resume_seconds", "log_every"})
+
     epochs: int = Field(
         256, ge=1, le=10_000_000, description="Passes over the episodes, one time step of each."
     )

@@ -144,7 +144,7 @@ def make_batch(
     """Normalise what a policy learns from.
 
     Args:
-        moments: As the source gives them; their frames are not looked at.
+        moments: As the source gives them for `chunk_steps`; their frames are not looked at.
         frames: (B, cameras, H, W, C) as recorded, perhaps noisy.
         valid: (B, C) whether an action lies within its episode.
         normaliser: Of the training.
@@ -152,7 +152,7 @@ def make_batch(
     return {
         "pose": torch.from_numpy(normaliser.normalise("pose", moments.pose)),
         "images": normalise_images(frames),
-        "action": torch.from_numpy(normaliser.normalise("action", moments.action)),
+        "action": torch.from_numpy(normaliser.normalise("action", moments.action[:, 1:])),
         "valid": torch.from_numpy(valid),
     }
 
@@ -165,17 +165,21 @@ def _number(step: int, part: int, parts: int) -> tuple[int, ...]:
 def chunk_steps(
     times: NDArray[np.int64], lengths: NDArray[np.int64], chunk: int, skip: int
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """The time steps ``t, t + skip, ...``; after the end the last one repeats, marked as not valid.
+    """The time steps of a sample: t, where it is seen, and those of its actions.
+
+    Of the ``skip`` steps that make one of the policy's, the last one's action counts: it says where the hand
+    shall be when the policy is asked again. After the end the last one repeats, marked as not valid.
 
     Args:
         times: (B,) t, each in [0, N) of its episode.
         lengths: (B,) N.
-        chunk: How many time steps.
+        chunk: How many actions.
         skip: Steps from one to the next.
 
     Returns:
-        (B, chunk) and (B, chunk) bool.
+        (B, 1 + chunk) and (B, chunk) bool.
     """
-    steps = times[:, None] + skip * np.arange(chunk)
+    begins = times[:, None] + skip * np.arange(chunk)
     ends = lengths[:, None]
-    return np.minimum(steps, ends - 1), steps < ends
+    steps = np.hstack([times[:, None], begins + skip - 1])
+    return np.minimum(steps, ends - 1), begins < ends

@@ -7,19 +7,26 @@ from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, closing
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import chain
+from math import isfinite
 from typing import TYPE_CHECKING, Any, cast
 
 import torch
 
-from geoprior.errors import NumericalError
-from geoprior.files import read_json, write_json
+from geoprior.errors import DataError, NumericalError
+from geoprior.files import finite, read_json, write_json
 from geoprior.hooks.manager import plugins
 from geoprior.hooks.types import TrainStep
-from geoprior.policies.checkpoint import CheckpointHeader, checkpoint_path, save_checkpoint
+from geoprior.policies.checkpoint import (
+    CheckpointHeader,
+    checkpoint_path,
+    list_checkpoints,
+    save_checkpoint,
+)
 from geoprior.progress import Track, track
 from geoprior.training.compiling import compile_loss
 from geoprior.training.machine import arithmetic
-from geoprior.training.optimise import make_optimizer, take_step
+from geoprior.training.optimise import make_optimizer, remedy, take_step
 from geoprior.training.order import steps_until
 from geoprior.training.resume import (
     RESUME_NAME,
@@ -101,20 +108,33 @@ def fit(training: Training) -> dict[str, Any]:
         NumericalError: A loss or a weight is not finite; the last state that was saved is kept.
         DataError: The folder holds another training, or a file is damaged or cannot be written.
     """
-    result_path = training.folder / RESULT_NAME
-    if result_path.exists():
-        result: dict[str, Any] = read_json(result_path)
-        require_same_training(result_path, result.get("fingerprint"), training.fingerprint)
+    result: dict[str, Any] | None = training.team.agree(lambda: _finished(training))
+    if result is not None:
         return result
     if training.team.leads:
         training.folder.mkdir(parents=True, exist_ok=True)
         _sweep(training.folder)
-    with arithmetic(training.machine.threads):
+    with arithmetic(training.machine):
         result = _run(training)
     if training.team.leads:
-        write_json(result_path, result)
+        write_json(training.folder / RESULT_NAME, result)
         (training.folder / RESUME_NAME).unlink(missing_ok=True)
     return result
+
+
+def _finished(training: Training) -> dict[str, Any] | None:
+    """What an earlier call returned, if all that it made is still there."""
+    path = training.folder / RESULT_NAME
+    if not path.exists():
+        return None
+    result: dict[str, Any] = read_json(path)
+    require_same_training(path, result.get("fingerprint"), training.fingerprint)
+    kept = {checkpoint.epoch for checkpoint in list_checkpoints(training.folder)}
+    if kept.issuperset(chain(*_checkpoint_steps(training).values())):
+        (training.folder / RESUME_NAME).unlink(missing_ok=True)
+        return result
+    path.unlink()
+    return None
 
 
 def _shown(training: Training, done: int) -> AbstractContextManager[Track]:
@@ -133,6 +153,7 @@ def _run(training: Training) -> dict[str, Any]:
     config, policy = training.config, training.policy.to(training.machine.device).train()
     optimizer = make_optimizer(config, policy, training.machine)
     progress = load_progress(training.folder, training.fingerprint, policy, optimizer) or Progress(0, 0.0, {})
+    _require_same_start(training, progress.step)
     optimizer.refresh()
     saved = time.monotonic()
     begun = saved - progress.seconds
@@ -168,8 +189,18 @@ def _run(training: Training) -> dict[str, Any]:
         "steps": progress.step,
         "samples": progress.step * batch_size,
         "seconds": round(progress.seconds, 3),
-        "metrics": {**progress.averages, **(_judge(training) if judged is None else judged)},
+        "metrics": finite({**progress.averages, **(_judge(training) if judged is None else judged)}),
     }
+
+
+def _require_same_start(training: Training, step: int) -> None:
+    """All processes go on from the leader's step, with its weights."""
+    leaders = training.team.agree(lambda: step)
+    if step != leaders:
+        raise DataError(
+            f"{training.folder}: this process finds a state of step {step} here, the first one of {leaders}",
+            "let all machines share the run folder",
+        )
 
 
 def _judge(training: Training) -> dict[str, float]:
@@ -179,10 +210,12 @@ def _judge(training: Training) -> dict[str, float]:
 
 
 def _average(averages: Mapping[str, float], metrics: Mapping[str, float], step: int) -> dict[str, float]:
-    """The plain mean of the first steps, then an exponential one."""
+    """The plain mean of the first steps, then an exponential one, of the numbers that are finite."""
     weight = 1.0 / min(step + 1, _MEMORY)
-    return {
-        name: (1.0 - weight) * averages.get(name, value) + weight * value for name, value in metrics.items()
+    return {**averages} | {
+        name: (1.0 - weight) * averages.get(name, value) + weight * value
+        for name, value in metrics.items()
+        if isfinite(value)
     }
 
 
@@ -207,7 +240,7 @@ def _require_finite_weights(training: Training, step: int) -> None:
         if not torch.isfinite(parameter).all():
             raise NumericalError(
                 f"{training.run}: the weight {name!r} is not finite after step {step}",
-                f"the last good state is kept in {training.folder}; lower learning_rate or set gradient_clip",
+                remedy(training.folder),
             )
 
 

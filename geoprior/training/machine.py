@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
@@ -41,6 +41,15 @@ class Machine:
     threads: int
     bf16_speedup: float = 0.0
 
+    def required(self) -> Machine:
+        """This, where the process that asks has such a device.
+
+        Raises:
+            MachineError: It has none.
+        """
+        _require(self.device)
+        return self
+
 
 def decide_machine(config: TrainConfig, folder: Path, processes: int = 1) -> Machine:
     """What ``folder/machine.json`` says, or what the config says and a short trial finds; then it is written.
@@ -56,14 +65,15 @@ def decide_machine(config: TrainConfig, folder: Path, processes: int = 1) -> Mac
         except TypeError as error:
             raise DataError(f"{path}: not what a training wrote ({error})", "delete the folder") from error
         return Machine(
-            known.device if config.device == "auto" else _require(config.device),
+            known.device if config.device == "auto" else config.device,
             known.precision if config.precision == "auto" else config.precision,
             config.threads or known.threads,
             known.bf16_speedup,
-        )
+        ).required()
     threads = config.threads or max(1, len(os.sched_getaffinity(0)) // processes)
     automatic = "cuda" if torch.cuda.is_available() else "cpu"
-    device = automatic if config.device == "auto" else _require(config.device)
+    device = automatic if config.device == "auto" else config.device
+    _require(device)
     speedup = measure_bf16_speedup(device) if config.precision == "auto" else 0.0
     precision = ("bf16" if speedup > _WORTH else "fp32") if config.precision == "auto" else config.precision
     machine = Machine(device, precision, threads, round(speedup, 2))
@@ -72,20 +82,29 @@ def decide_machine(config: TrainConfig, folder: Path, processes: int = 1) -> Mac
 
 
 @contextmanager
-def arithmetic(threads: int) -> Iterator[None]:
-    """So many threads, a random state that the caller does not notice, and memory that is kept."""
+def arithmetic(machine: Machine) -> Iterator[None]:
+    """The machine's threads, a random state that the caller does not notice, and memory that is kept.
+
+    On a GPU the process's own device alone is woken; convolutions are those that give the same bits twice,
+    and in float32 they are in float32.
+    """
     before = torch.get_num_threads()
-    torch.set_num_threads(threads)
+    torch.set_num_threads(machine.threads)
+    on_gpu = machine.device == "cuda"
+    devices = [torch.cuda.current_device()] if on_gpu else []
     try:
-        with torch.random.fork_rng(devices=_random_devices()), kept_memory():
+        convolutions = _same_convolutions() if on_gpu else nullcontext()
+        with torch.random.fork_rng(devices=devices), kept_memory(), convolutions:
             yield
     finally:
         torch.set_num_threads(before)
 
 
-def _random_devices() -> list[int]:
-    """The GPU whose random state is kept, if there is one: the process's own, and no other is woken."""
-    return [torch.cuda.current_device()] if torch.cuda.is_available() else []
+@contextmanager
+def _same_convolutions() -> Iterator[None]:
+    cudnn = torch.backends.cudnn
+    with cudnn.flags(enabled=True, benchmark=False, deterministic=True, allow_tf32=False):
+        yield
 
 
 def measure_bf16_speedup(device: str, size: int = 768, trials: int = 5) -> float:
@@ -93,13 +112,13 @@ def measure_bf16_speedup(device: str, size: int = 768, trials: int = 5) -> float
     return _best_time(device, torch.float32, size, trials) / _best_time(device, torch.bfloat16, size, trials)
 
 
-def _require(device: str) -> str:
+def _require(device: str) -> None:
     if device == "cuda" and not torch.cuda.is_available():
         raise MachineError(
-            "device: cuda is wanted and torch finds no GPU here",
-            "set pretrain.device and finetune.device to auto, or install a CUDA build of torch",
+            "device: cuda is wanted, or this training began on one, and torch finds no GPU here",
+            "install a CUDA build of torch or go on where the GPU is; or set pretrain.device and "
+            "finetune.device to cpu and train anew with --replace",
         )
-    return device
 
 
 def _best_time(device: str, dtype: torch.dtype, size: int, trials: int) -> float:

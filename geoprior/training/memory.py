@@ -9,8 +9,10 @@ from contextlib import contextmanager
 
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
 """Options of glibc's ``mallopt``."""
+_LARGEST = 2**25
+"""Of the threshold for mapped blocks that every release of glibc takes."""
 _KEPT = (2**31 - 1, 2**30)
-_USUAL = (2**26, 2**25)
+_USUAL = (2**26, _LARGEST)
 """Where glibc's own rule takes the two thresholds in a process that frees large blocks."""
 
 
@@ -34,5 +36,8 @@ def kept_memory() -> Iterator[None]:
 
 
 def _set_thresholds(libc: ctypes.CDLL, thresholds: tuple[int, int]) -> None:
-    for option, value in zip((_TRIM_THRESHOLD, _MMAP_THRESHOLD), thresholds, strict=True):
-        libc.mallopt(option, value)
+    trim, mapped = thresholds
+    # Refused above 32 MiB by older releases, and to set either one ends glibc's own rule for both.
+    if not libc.mallopt(_MMAP_THRESHOLD, mapped):
+        libc.mallopt(_MMAP_THRESHOLD, _LARGEST)
+    libc.mallopt(_TRIM_THRESHOLD, trim)

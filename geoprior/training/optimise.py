@@ -12,8 +12,11 @@ from geoprior.errors import NumericalError
 from geoprior.geometry.seeding import integer_seed
 from geoprior.policies.halves import takes_half_weights
 from geoprior.training.adamw import AdamW, HalfAdamW
+from geoprior.training.resume import RESUME_NAME
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from torch import Tensor, nn
 
     from geoprior.policies.policy import Batch, Policy
@@ -81,13 +84,18 @@ def take_step(
     statistics.settle()
     if not math.isfinite(metrics["loss"]):
         raise NumericalError(
-            f"{training.run}: the loss is {metrics['loss']} at step {step + 1}",
-            f"the last good state is kept in {training.folder}; lower learning_rate or set gradient_clip",
+            f"{training.run}: the loss is {metrics['loss']} at step {step + 1}", remedy(training.folder)
         )
     if config.gradient_clip is not None:
         metrics["gradient_norm"] = optimizer.clip(config.gradient_clip)
     optimizer.step()
     return {**metrics, "learning_rate": config.learning_rate * warm}
+
+
+def remedy(folder: Path) -> str:
+    """What to do where numbers stop being finite."""
+    kept = f"the last good state is kept in {folder}; " if (folder / RESUME_NAME).exists() else ""
+    return f"{kept}lower learning_rate or set gradient_clip"
 
 
 def _learn_part(training: Training, step: int, number: int, batch: Batch) -> dict[str, float]:
@@ -128,6 +136,7 @@ class _Statistics:
         self._all = list(policy.buffers()) if microbatches > 1 else []
         self._begun = [buffer.clone() for buffer in self._all]
         self._means = [buffer for buffer in self._all if buffer.is_floating_point()]
+        self._means_begun = [begun for begun in self._begun if begun.is_floating_point()]
         self.sums = [torch.zeros_like(buffer) for buffer in self._means]
 
     def restore(self) -> None:
@@ -136,11 +145,11 @@ class _Statistics:
             buffer.copy_(begun)
 
     def add(self) -> None:
-        """After a part."""
-        for total, buffer in zip(self.sums, self._means, strict=True):
-            total.add_(buffer, alpha=1.0 / self._microbatches)
+        """After a part: what it has changed, so that a constant stays what it is to the last bit."""
+        for total, buffer, begun in zip(self.sums, self._means, self._means_begun, strict=True):
+            total.add_(buffer - begun, alpha=1.0 / self._microbatches)
 
     def settle(self) -> None:
         """After the parts of all processes."""
-        for total, buffer in zip(self.sums, self._means, strict=True):
-            buffer.copy_(total)
+        for total, buffer, begun in zip(self.sums, self._means, self._means_begun, strict=True):
+            buffer.copy_(begun + total)

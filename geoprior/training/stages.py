@@ -44,16 +44,8 @@ if TYPE_CHECKING:
     from geoprior.sources.source import Source
     from geoprior.training.config import FinetuneConfig, PretrainConfig
 
-_SPEED_ONLY = {
-    "loader_workers",
-    "prefetch",
-    "frame_cache_mb",
-    "resume_seconds",
-    "log_every",
-    "threads",
-    "precision",
-    "device",
-}
+_MACHINES = {"threads", "precision", "device"}
+"""Fields that say what the machine shall be; what it is decides."""
 
 
 @dataclass(frozen=True)
@@ -153,7 +145,8 @@ def train(config: TrainConfig, job: Job, choice: Choice, source: Source, machine
     statistics = _statistics(job, source, slots)
     policy = build_policy(choice, features, job.seed)
     transfer = _transfer(job, policy, choice.name, fps)
-    common = config.model_dump(mode="json", include=set(TrainConfig.model_fields) - _SPEED_ONLY)
+    decides = set(TrainConfig.model_fields) - config.speed_only - _MACHINES
+    common = config.model_dump(mode="json", include=decides)
     details = {
         "run": job.run,
         "seed": job.seed,
@@ -186,7 +179,9 @@ def train(config: TrainConfig, job: Job, choice: Choice, source: Source, machine
 def _machine(config: TrainConfig, out: Path) -> Machine:
     """The same for all processes."""
     here = team()
-    return Machine(**here.agree(lambda: asdict(decide_machine(config, out, here.local_size))))
+    machine = Machine(**here.agree(lambda: asdict(decide_machine(config, out, here.local_size)))).required()
+    here.take(machine.device)
+    return machine
 
 
 def build_policy(choice: Choice, features: Features, seed: int) -> nn.Module:
@@ -258,6 +253,6 @@ def _transfer(job: Job, policy: nn.Module, name: str, fps: float) -> dict[str, A
         "epoch": header.epoch,
         "step": header.step,
         "fingerprint": sha256_json(header.details),
-        "data": header.details["data"]["digest"],
+        "data": header.data,
     }
     return taken

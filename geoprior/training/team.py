@@ -7,7 +7,6 @@ them. So the same config gives the same training, up to the rounding of sums, on
 
 from __future__ import annotations
 
-import atexit
 import json
 import os
 from collections.abc import Callable, Iterable
@@ -37,16 +36,23 @@ class Team:
         rank: Of this process, from 0.
         size: Number of processes.
         local_size: Of those on this machine.
+        local_rank: Of this process among them.
     """
 
     rank: int = 0
     size: int = 1
     local_size: int = 1
+    local_rank: int = 0
 
     @property
     def leads(self) -> bool:
         """Whether this process writes files and talks."""
         return self.rank == 0
+
+    def take(self, device: str) -> None:
+        """Work on the GPU that is this process's own, if on one."""
+        if device == "cuda" and self.size > 1 and torch.cuda.device_count() >= self.local_size:
+            torch.cuda.set_device(self.local_rank)
 
     def share_of(self, microbatches: int) -> range:
         """The parts of a batch that this process computes.
@@ -89,18 +95,33 @@ class Team:
 
 @lru_cache(maxsize=1)
 def team() -> Team:
-    """The team of this process, by the variables that torchrun sets."""
-    size = int(os.environ.get("WORLD_SIZE", "1"))
+    """The team of this process, by the variables that torchrun sets.
+
+    Raises:
+        ConfigError: One of them is missing or no number.
+    """
+    size = _variable("WORLD_SIZE", "1")
     if size == 1:
         return Team()
-    local_size = int(os.environ.get("LOCAL_WORLD_SIZE", "1"))
-    on_gpus = torch.cuda.is_available() and torch.cuda.device_count() >= local_size
-    if on_gpus:
-        torch.cuda.set_device(int(os.environ["LOCAL_RANK"]))
+    found = Team(_variable("RANK"), size, _variable("LOCAL_WORLD_SIZE", "1"), _variable("LOCAL_RANK", "0"))
+    on_gpus = torch.cuda.is_available() and torch.cuda.device_count() >= found.local_size
     distributed.init_process_group("cpu:gloo,cuda:nccl" if on_gpus else "gloo", timeout=_PATIENCE)
-    atexit.register(distributed.destroy_process_group)
     end_with_parent(os.getppid())
-    return Team(int(os.environ["RANK"]), size, local_size)
+    return found
+
+
+def disband() -> None:
+    """Take leave of the others once all are done; not after an error, since NCCL waits for everybody here."""
+    if distributed.is_available() and distributed.is_initialized():
+        distributed.destroy_process_group()
+        team.cache_clear()
+
+
+def _variable(name: str, default: str = "") -> int:
+    said = os.environ.get(name, default)
+    if not said.isdecimal():
+        raise ConfigError(f"{name} is {said!r}, not a number", "start the processes with torchrun")
+    return int(said)
 
 
 def _by_kind(tensors: Iterable[Tensor]) -> dict[tuple[str, torch.dtype], list[Tensor]]:

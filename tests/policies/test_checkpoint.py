@@ -195,7 +195,7 @@ def test_other_versions(saved):
 def test_a_missing_key_is_named(saved):
     path, _ = saved
     edit_json(path, features={"cameras": ["hand"]})
-    with pytest.raises(DataError, match="key missing or malformed: image_size: Field required"):
+    with pytest.raises(DataError, match=r"malformed: features\.image_size: Field required"):
         load_checkpoint(path)
 
 
@@ -309,7 +309,7 @@ def test_features_of_a_stranger_are_checked(key, value, saved):
         ("mean", ["a"] * 8),
         ("mean", [None] * 8),
         ("mean", 0.0),
-        ("std", [float("nan")] * 8),
+        ("std", [None] * 8),
         ("std", [-1.0] * 8),
         ("std", [1.0] * 7),
         ("count", -3),
@@ -324,3 +324,45 @@ def test_statistics_of_a_stranger_are_checked(key, value, saved):
     edit_json(path, statistics=[])
     with pytest.raises(DataError, match="key missing or malformed"):
         load_checkpoint(path)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("fps", 0.0),
+        ("fps", -10.0),
+        ("fps", "fast"),
+        ("epoch", -1),
+        ("step", 0.5),
+        ("details", []),
+        ("weights", {}),
+        ("weights", []),
+        ("weights", {"bytes": 3, "sha256": "short"}),
+        ("policy", 3),
+    ],
+)
+def test_all_else_of_a_stranger_is_checked(key, value, saved):
+    path = saved[0]
+    edit_json(path, **{key: value})
+    with pytest.raises(DataError, match=f"key missing or malformed: {key}"):
+        load_checkpoint(path)
+
+
+def test_numbers_that_json_does_not_know_are_refused(saved):
+    path = saved[0]
+    edit_json(path, fps=float("nan"))
+    with pytest.raises(DataError, match="not readable as JSON"):
+        load_checkpoint(path)
+
+
+def test_details_without_data_are_no_fault(saved):
+    path = saved[0]
+    edit_json(path, details={"note": "by hand"})
+    assert load_checkpoint(path)[0].data is None
+
+
+def test_the_trunk_of_a_policy_without_one_is_refused(saved, make_act, monkeypatch):
+    policy = make_act()
+    monkeypatch.setattr(type(policy), "trunk_prefixes", ())
+    with pytest.raises(ConfigError, match="has no trunk, so nothing would be taken"):
+        load_weights(policy, saved[0], "trunk")

@@ -29,13 +29,28 @@ def same(first, second):
 def test_a_chunk_takes_every_skipth_action_and_marks_what_is_past_the_end(length, chunk, skip, data):
     times = data.draw(st.lists(st.integers(0, length - 1), min_size=1, max_size=4))
     found, valid = chunk_steps(np.array(times), np.array([length] * len(times)), chunk, skip)
-    assert found.shape == valid.shape == (len(times), chunk)
+    assert found.shape == (len(times), 1 + chunk)
+    assert valid.shape == (len(times), chunk)
+    assert found[:, 0].tolist() == times
     for row, time in enumerate(times):
         for i in range(chunk):
-            wanted = time + i * skip
-            assert valid[row, i] == (wanted < length)
-            assert found[row, i] == min(wanted, length - 1)
+            assert valid[row, i] == (time + i * skip < length)
+            assert found[row, 1 + i] == min(time + (i + 1) * skip - 1, length - 1)
     assert valid[:, 0].all()
+
+
+@pytest.mark.parametrize("skip", [1, 2, 3])
+def test_the_first_action_is_the_pose_at_the_policys_next_step(skip):
+    """Whatever the data's rate: a prior at 30 steps a second and arms at 10 teach the same."""
+    episode = make_demonstration(3, steps=12)
+    batch = make_batches(FakeStore([episode]), skip=skip, batch_size=12)[0].batch(0)
+    poses = np.concatenate([episode.pose, episode.action[-1:]])
+    normaliser = Normaliser(statistics_of(ShardSource(FakeStore([episode]))))
+    seen = normaliser.denormalise("pose", batch["pose"].numpy())
+    first = normaliser.denormalise("action", batch["action"][:, 0].numpy())
+    for pose, action in zip(seen, first, strict=True):
+        time = int(np.abs(episode.pose - pose).sum(axis=1).argmin())
+        np.testing.assert_allclose(action, poses[min(time + skip, 12)], atol=1e-6)
 
 
 def test_a_batch_holds_what_the_episodes_hold(fake_store):

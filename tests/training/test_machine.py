@@ -51,13 +51,34 @@ def test_a_gpu_that_is_not_there_is_said(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_only_the_own_gpus_random_state_is_kept(monkeypatch):
+@pytest.mark.skipif(torch.cuda.is_available(), reason="this machine has a GPU")
+def test_a_training_that_began_on_a_gpu_does_not_go_on_without_one(tmp_path):
+    (tmp_path / "machine.json").write_text('{"device": "cuda", "precision": "bf16", "threads": 2}')
+    with pytest.raises(MachineError, match="torch finds no GPU") as caught:
+        decide_machine(TrainConfig(), tmp_path)
+    assert "--replace" in caught.value.hint
+    assert decide_machine(TrainConfig(device="cpu"), tmp_path).device == "cpu"
+
+
+def test_on_a_cpu_no_gpu_is_woken(monkeypatch):
+    def woken(*_):
+        raise AssertionError
+
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(torch.cuda, "current_device", woken)
+    with arithmetic(Machine("cpu", "bf16", 1)):
+        pass
+
+
+def test_only_the_own_gpus_random_state_is_kept_and_its_convolutions_are_the_same_twice(monkeypatch):
     asked = []
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     monkeypatch.setattr(torch.cuda, "device_count", lambda: 4)
     monkeypatch.setattr(torch.cuda, "current_device", lambda: 2)
     monkeypatch.setattr(torch.cuda, "get_rng_state", lambda device: asked.append(device) or torch.zeros(1))
     monkeypatch.setattr(torch.cuda, "set_rng_state", lambda *_: None)
-    with arithmetic(1):
-        pass
+    with arithmetic(Machine("cuda", "fp32", 1)):
+        assert torch.backends.cudnn.deterministic
+        assert not torch.backends.cudnn.allow_tf32
     assert asked == [2]
+    assert not torch.backends.cudnn.deterministic

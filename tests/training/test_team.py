@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 
@@ -15,11 +16,10 @@ import pytest
 import torch
 from training_material import make_training
 
-from geoprior.errors import ConfigError
-from geoprior.files import read_json
+from geoprior.errors import ConfigError, DataError
 from geoprior.policies.checkpoint import list_checkpoints, load_checkpoint
 from geoprior.training.loop import fit
-from geoprior.training.team import Team
+from geoprior.training.team import Team, team
 
 TINY = (
     "cameras={height: 32, width: 32}",
@@ -168,6 +168,35 @@ def test_microbatches_divide_the_batch():
         make_training(None, Path("unused"), batch_size=3, microbatches=2)
 
 
-def test_the_log_says_who_trained(alone):
-    machine = read_json(alone / "checkpoints" / "pretrain" / "machine.json")
-    assert machine["threads"] == 1
+def test_constants_stay_what_they_are_to_the_last_bit(fake_store, tmp_path):
+    """A third of most numbers is no float: three of them make another number."""
+    training = make_training(fake_store, tmp_path, batch_size=6, microbatches=3, epochs=2)
+    constants = torch.rand(10_000, generator=torch.Generator().manual_seed(0))
+    training.policy.register_buffer("constants", constants.clone(), persistent=False)
+    fit(training)
+    assert torch.equal(training.policy.constants, constants)
+
+
+class FollowerElsewhere(Team):
+    """A process of a team whose first one is at another step."""
+
+    def agree(self, decide):
+        mine = decide()
+        return mine if mine is None else mine + 4
+
+
+def test_processes_that_find_other_states_do_not_train_together(fake_store, tmp_path):
+    training = make_training(fake_store, tmp_path, batch_size=6, epochs=2)
+    apart = replace(training, team=FollowerElsewhere(0, 1))
+    with pytest.raises(DataError, match="a state of step 0 here, the first one of 4"):
+        fit(apart)
+
+
+@pytest.mark.parametrize(("name", "value"), [("RANK", ""), ("LOCAL_RANK", "first")])
+def test_half_of_torchruns_variables_end_with_a_sentence(monkeypatch, name, value):
+    for variable in ("WORLD_SIZE", "RANK", "LOCAL_RANK", "LOCAL_WORLD_SIZE"):
+        monkeypatch.setenv(variable, "2" if "SIZE" in variable else "0")
+    monkeypatch.setenv(name, value)
+    team.cache_clear()
+    with pytest.raises(ConfigError, match=f"{name} is '{value}', not a number"):
+        team()

@@ -1,8 +1,10 @@
 import json
+from pathlib import Path
 
 import pytest
 
 from geoprior import TrainStep
+from geoprior.errors import DataError
 from geoprior.training.loggers import log_file
 
 
@@ -42,6 +44,16 @@ def test_a_torn_line_goes_with_what_follows_it(log, tmp_path, torn):
         file.write(torn)
     log_file._last_step.clear()
     assert log(40) == [10, 20, 40]
+
+
+def test_a_full_disk_ends_with_a_sentence(log, tmp_path, monkeypatch):
+    def full(*_, **__):
+        raise OSError(28, "No space left on device")
+
+    log(10)
+    monkeypatch.setattr(Path, "open", full)
+    with pytest.raises(DataError, match=r"log.jsonl: cannot be written \(No space left on device\)"):
+        log(20)
 
 
 def test_a_deleted_log_begins_anew(log, tmp_path):

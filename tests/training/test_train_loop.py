@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from itertools import chain, repeat
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,7 @@ from training_material import make_training
 
 from geoprior import hookimpl
 from geoprior.errors import DataError, NumericalError
+from geoprior.files import read_json
 from geoprior.hooks.manager import plugins
 from geoprior.policies.checkpoint import list_checkpoints, load_checkpoint
 from geoprior.training.loop import RESULT_NAME, fit, make_optimizer
@@ -119,6 +121,39 @@ def test_a_finished_training_is_not_repeated(fake_store, tmp_path, interrupt_at)
     assert not interrupt.done
 
 
+@pytest.mark.parametrize("suffix", [".safetensors", ".json"])
+def test_a_lost_checkpoint_is_made_again(fake_store, tmp_path, suffix):
+    fit(make_training(fake_store, tmp_path, checkpoint_every=3))
+    before = written(tmp_path)
+    (tmp_path / f"epoch-000003{suffix}").unlink()
+    fit(make_training(fake_store, tmp_path, checkpoint_every=3))
+    assert written(tmp_path) == before
+
+
+def test_a_state_left_beside_the_result_is_removed(fake_store, tmp_path):
+    fit(make_training(fake_store, tmp_path))
+    (tmp_path / RESUME_NAME).write_text("left by a kill")
+    fit(make_training(fake_store, tmp_path))
+    assert not (tmp_path / RESUME_NAME).exists()
+
+
+def test_a_metric_that_is_not_finite_is_null_and_stops_nothing(fake_store, tmp_path):
+    training = make_training(fake_store, tmp_path, log_every=1)
+    whole, rates = training.policy.loss, chain([torch.inf], repeat(2.0))
+
+    def loss(batch):
+        value, scalars = whole(batch)
+        return value, {**scalars, "rate": torch.tensor(next(rates)), "never": torch.tensor(torch.nan)}
+
+    training.policy.loss = loss
+    result = fit(training)
+    assert result["metrics"]["rate"] == pytest.approx(2.0)
+    assert "never" not in result["metrics"]
+    first, second, *_ = (tmp_path / "log.jsonl").read_text().splitlines()
+    assert (json.loads(first)["rate"], json.loads(second)["rate"]) == (None, 2.0)
+    assert read_json(tmp_path / RESULT_NAME) == result
+
+
 def test_leftovers_of_a_killed_write_are_swept(fake_store, tmp_path):
     leftovers = [tmp_path / f".{RESUME_NAME}.123.tmp", tmp_path / ".tmpXy7"]
     for leftover in leftovers:
@@ -168,7 +203,7 @@ def test_a_nan_loss_stops_and_keeps_the_last_good_state(fake_store, tmp_path):
     training.policy.loss = poisoned
     with pytest.raises(NumericalError, match="test: the loss is nan at step 7") as caught:
         fit(training)
-    assert str(tmp_path / "bad") in caught.value.hint
+    assert f"the last good state is kept in {tmp_path / 'bad'}" in caught.value.hint
     fit(make_training(fake_store, tmp_path / "bad", resume_seconds=0.0))
     fit(make_training(fake_store, tmp_path / "good", resume_seconds=0.0))
     assert written(tmp_path / "bad") == written(tmp_path / "good")
@@ -181,8 +216,11 @@ def test_weights_that_are_not_finite_are_never_saved(fake_store, tmp_path):
         parameter.grad[...] = torch.inf
 
     training.policy.head.weight.register_post_accumulate_grad_hook(poison)
-    with pytest.raises(NumericalError, match=r"the weight 'head.weight' is not finite after step 1"):
+    with pytest.raises(
+        NumericalError, match=r"the weight 'head.weight' is not finite after step 1"
+    ) as caught:
         fit(training)
+    assert "kept" not in caught.value.hint
     assert not (tmp_path / RESUME_NAME).exists()
     assert list_checkpoints(tmp_path) == ()
 

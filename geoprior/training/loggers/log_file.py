@@ -6,7 +6,8 @@ import json
 from typing import TYPE_CHECKING
 
 from geoprior import TrainStep, hookimpl
-from geoprior.files import write_bytes
+from geoprior.errors import DataError
+from geoprior.files import finite, write_bytes
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -17,14 +18,24 @@ _last_step: dict[Path, int] = {}
 
 @hookimpl
 def geoprior_train_step(event: TrainStep) -> None:
-    """Append the step; a training that goes on from an earlier step first drops the lines after it."""
+    """Append the step; a training that goes on from an earlier step first drops the lines after it.
+
+    Raises:
+        DataError: The file cannot be written.
+    """
     path = event.folder / LOG_NAME
     last = _last_step.get(path)
     if last is None or event.step <= last or not path.exists():
         _drop_from(path, event.step)
-    line = {"step": event.step, "epoch": event.epoch, **event.metrics}
-    with path.open("a", encoding="utf-8") as file:
-        file.write(f"{json.dumps(line)}\n")
+    line = {"step": event.step, "epoch": event.epoch, **finite(event.metrics)}
+    try:
+        with path.open("a", encoding="utf-8") as file:
+            file.write(f"{json.dumps(line)}\n")
+    except OSError as error:
+        raise DataError(
+            f"{path}: cannot be written ({error.strerror or error})",
+            "make room or mend its permissions, and run the same command again",
+        ) from error
     _last_step[path] = event.step
 
 
