@@ -16,9 +16,9 @@ from typing import Any
 from geoprior import StageEvent, provenance
 from geoprior.config import RunConfig, plugins_named
 from geoprior.errors import DataError
-from geoprior.files import sha256_file, sha256_json, write_json
+from geoprior.files import is_temporary, sha256_file, sha256_json, write_json
 from geoprior.hooks.manager import Plugins
-from geoprior.run_folder import RUN_FILE, Record, RunFolder, clear
+from geoprior.run_folder import RUN_FILE, Record, RunFolder, clear, drop, sweep
 from geoprior.stages import STAGES, Stage, Workplace
 
 
@@ -31,6 +31,8 @@ def run_stages(folder: RunFolder, names: Sequence[str], plugins: Plugins, say: C
     for stage in STAGES:
         if stage.name in names:
             _run_stage(folder, stage, plugins, say)
+    _write_run_file(folder, plugins)
+    _disband()
 
 
 def follow_stages(config: RunConfig, path: Path, names: Sequence[str], plugins: Plugins) -> None:
@@ -42,6 +44,7 @@ def follow_stages(config: RunConfig, path: Path, names: Sequence[str], plugins: 
     for stage in STAGES:
         if stage.name in names and stage.together and _all_run(run=True):
             stage.run(config, Workplace(path, plugins))
+    _disband()
 
 
 def _all_run(*, run: bool) -> bool:
@@ -51,6 +54,13 @@ def _all_run(*, run: bool) -> bool:
     from geoprior.training.team import team
 
     return bool(team().agree(lambda: run))
+
+
+def _disband() -> None:
+    if is_one_of_several():
+        from geoprior.training.team import disband
+
+        disband()
 
 
 def is_one_of_several() -> bool:
@@ -66,13 +76,19 @@ def is_follower() -> bool:
 def _run_stage(folder: RunFolder, stage: Stage, plugins: Plugins, say: Callable[[str], None]) -> None:
     begun = _begun_record(folder, stage, plugins)
     old = folder.record(stage.name)
+    sweep(folder, stage)
     if old is not None and old.fingerprint == begun.fingerprint:
-        if old.status == "done" and folder.is_whole(old):
+        lost = folder.lost(old, stage)
+        if old.status == "done" and not lost:
             say(f"{stage.name}: done before, skipped")
             if stage.together:
                 _all_run(run=False)
             return
-        say(f"{stage.name}: goes on")
+        if lost:
+            say(f"{stage.name}: {_some(lost)} missing or cut off, made again")
+            drop(folder, stage, lost)
+        else:
+            say(f"{stage.name}: goes on")
     elif old is not None:
         say(f"{stage.name}: its inputs have changed, runs again")
         clear(folder, stage)
@@ -103,6 +119,7 @@ def _execute(folder: RunFolder, stage: Stage, begun: Record, plugins: Plugins) -
             "outputs": outputs,
             "result": result,
             "seconds": round(seconds, 3),
+            "made_by": _maker(plugins),
         }
     )
 
@@ -136,14 +153,17 @@ def _input_digest(folder: RunFolder, stage: Stage, name: str) -> str:
             f"{folder.path}: {stage.name} reads what {name} writes, and {name} is not done here",
             f"geoprior {name} --out {folder.path}",
         )
-    if not folder.is_whole(record):
-        lost = [file for file in record.outputs if not (folder.path / file).is_file()]
+    maker = next(each for each in STAGES if each.name == name)
+    if lost := folder.lost(record, maker):
         raise DataError(
-            f"{folder.path}: outputs of {name} are missing or cut off, for example "
-            f"{lost[0] if lost else next(iter(record.outputs))}",
+            f"{folder.path}: outputs of {name} are missing or cut off: {_some(lost)}",
             f"geoprior {name} --out {folder.path}",
         )
-    return record.digest
+    return record.digest(maker)
+
+
+def _some(names: Sequence[str]) -> str:
+    return names[0] + (f" and {len(names) - 1} more" if len(names) > 1 else "")
 
 
 def _outputs_on_disk(root: Path, stage: Stage) -> dict[str, dict[str, Any]]:
@@ -154,25 +174,32 @@ def _outputs_on_disk(root: Path, stage: Stage) -> dict[str, dict[str, Any]]:
     return {
         str(file.relative_to(root)): {"bytes": file.stat().st_size, "sha256": sha256_file(file)}
         for file in sorted(files)
-        if file.suffix != ".tmp"
+        if not is_temporary(file)
     }
 
 
 def _write_run_file(folder: RunFolder, plugins: Plugins) -> None:
     records = {stage.name: folder.record(stage.name) for stage in STAGES}
     stages = {
-        name: {"fingerprint": record.fingerprint, "seconds": record.seconds, "result": record.result}
+        name: {
+            "fingerprint": record.fingerprint,
+            "seconds": record.seconds,
+            "result": record.result,
+            "made_by": record.made_by,
+        }
         for name, record in records.items()
         if record is not None and record.status == "done"
     }
-    content = {
+    content = {**_maker(plugins), "seed": folder.config.seed, "stages": stages}
+    write_json(folder.path / RUN_FILE, content)
+
+
+def _maker(plugins: Plugins) -> dict[str, Any]:
+    return {
         "versions": provenance.versions(),
         "plugins": provenance.plugins_in_use(plugins),
         "machine": provenance.machine(),
-        "seed": folder.config.seed,
-        "stages": stages,
     }
-    write_json(folder.path / RUN_FILE, content)
 
 
 def _event(folder: RunFolder, record: Record, seconds: float | None = None, error: str = "") -> StageEvent:

@@ -7,14 +7,15 @@ import os
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
 from geoprior.config import RunConfig, to_yaml
 from geoprior.config_tree import differences
 from geoprior.errors import ConfigError, DataError
-from geoprior.files import read_json, sha256_json, write_bytes, write_json
+from geoprior.files import is_temporary, read_json, sha256_json, write_bytes, write_json
 from geoprior.stages import Stage
 
 CONFIG_FILE = "config.yaml"
@@ -36,6 +37,7 @@ class Record:
         outputs: SHA-256 and bytes of every file written; empty until done.
         result: Small facts that the stage returned.
         seconds: Wall time of the attempt that ended it.
+        made_by: Versions, plug-ins and machine of that attempt.
     """
 
     stage: str
@@ -46,11 +48,17 @@ class Record:
     outputs: Mapping[str, Mapping[str, Any]]
     result: Mapping[str, Any]
     seconds: float
+    made_by: Mapping[str, Any] = field(default_factory=dict)
 
-    @property
-    def digest(self) -> str:
-        """One hash of everything the stage wrote: the input of the stages after it."""
-        return sha256_json({name: output["sha256"] for name, output in self.outputs.items()})
+    def passed_on(self, stage: Stage) -> dict[str, Mapping[str, Any]]:
+        """Those outputs that later stages read."""
+        return {
+            name: output for name, output in self.outputs.items() if fnmatch(Path(name).name, stage.passes_on)
+        }
+
+    def digest(self, stage: Stage) -> str:
+        """One hash of what the stage passes on: the input of the stages after it."""
+        return sha256_json({name: output["sha256"] for name, output in self.passed_on(stage).items()})
 
 
 class RunFolder:
@@ -78,12 +86,13 @@ class RunFolder:
         """Write the stage's record."""
         write_json(self.path / RECORDS / f"{record.stage}.json", vars(record))
 
-    def is_whole(self, record: Record) -> bool:
-        """Whether every file that a done stage wrote is there with its size."""
-        return all(
-            (self.path / name).is_file() and (self.path / name).stat().st_size == output["bytes"]
-            for name, output in record.outputs.items()
-        )
+    def lost(self, record: Record, stage: Stage) -> list[str]:
+        """Files that a done stage passes on and that are not there with their size."""
+        return [
+            name
+            for name, output in record.passed_on(stage).items()
+            if not (self.path / name).is_file() or (self.path / name).stat().st_size != output["bytes"]
+        ]
 
 
 @contextmanager
@@ -122,10 +131,10 @@ def saved_config(path: Path) -> Path | None:
 
 
 def clear(folder: RunFolder, stage: Stage) -> None:
-    """Remove a stage's record first, then its outputs.
+    """Remove a stage's outputs and its record.
 
-    A folder gets another name before it is emptied: whoever is killed meanwhile leaves no old checkpoint
-    among new ones.
+    A folder gets another name before it is emptied, and the record goes when nothing stands in an output's
+    place: whoever is killed meanwhile leaves no old file among new ones, and none that counts as new.
 
     Raises:
         ConfigError: An output is a link to a folder elsewhere; nothing is removed then.
@@ -137,16 +146,38 @@ def clear(folder: RunFolder, stage: Stage) -> None:
                 f"{path}: a link to {path.resolve()}, whose content is of another config",
                 "remove the link, or what it points to, and give the command again",
             )
-    (folder.path / RECORDS / f"{stage.name}.json").unlink(missing_ok=True)
+    sweep(folder, stage)
     for path in outputs:
-        removed = path.with_name(f".{path.name}.removed")
-        if removed.is_dir():
-            shutil.rmtree(removed)
         if path.is_dir():
-            path.rename(removed)
-            shutil.rmtree(removed)
+            path.rename(_removed(path))
         else:
             path.unlink(missing_ok=True)
+    (folder.path / RECORDS / f"{stage.name}.json").unlink(missing_ok=True)
+    sweep(folder, stage)
+
+
+def sweep(folder: RunFolder, stage: Stage) -> None:
+    """Remove what killed processes left: folders that were to be removed, and halves of files."""
+    for path in (folder.path / output for output in stage.outputs):
+        if _removed(path).is_dir():
+            shutil.rmtree(_removed(path))
+        for leftover in [*path.parent.glob(f".{path.name}.*"), *path.rglob(".*")]:
+            if is_temporary(leftover) and leftover.is_file():
+                leftover.unlink(missing_ok=True)
+
+
+def drop(folder: RunFolder, stage: Stage, lost: Sequence[str]) -> None:
+    """Remove damaged files, so that the stage makes them again.
+
+    A file that is an output by itself stays: its stage goes on with the lines that are whole.
+    """
+    for name in lost:
+        if name not in stage.outputs:
+            (folder.path / name).unlink(missing_ok=True)
+
+
+def _removed(path: Path) -> Path:
+    return path.with_name(f".{path.name}.removed")
 
 
 def _config_changed(folder: RunFolder, stage: Stage) -> bool:

@@ -25,6 +25,7 @@ ROLLOUTS = "rollouts.jsonl"
 FILMS = "films"
 RESULTS = "results.json"
 REPORT = "report"
+_WEIGHTS = "epoch-*"
 
 
 @dataclass(frozen=True)
@@ -58,6 +59,8 @@ class Stage:
         run: Does the work; returns small facts for the run's record.
         revision: Raised when the same config and inputs come to mean something else.
         together: Whether all processes of torchrun take part in it; the others are the first one's alone.
+        passes_on: Pattern of the names of the files that later stages read: those are made again when they
+            are lost. The rest, such as logs, is for people.
     """
 
     name: str
@@ -68,10 +71,31 @@ class Stage:
     run: Callable[[RunConfig, Workplace], Mapping[str, Any]]
     revision: int = 1
     together: bool = False
+    passes_on: str = "*"
 
 
 def _part(*keys: str) -> Callable[[RunConfig], dict[str, Any]]:
-    return lambda config: config.model_dump(mode="json", include=set(keys))
+    """What these keys say, as far as it decides a result."""
+
+    def part(config: RunConfig) -> dict[str, Any]:
+        from geoprior.options import Options, deciding
+
+        tree = config.model_dump(mode="json", include=set(keys))
+        sections = {key: getattr(config, key) for key in keys}
+        return tree | {key: deciding(each) for key, each in sections.items() if isinstance(each, Options)}
+
+    return part
+
+
+def _pretrain_part(config: RunConfig) -> dict[str, Any]:
+    from geoprior.hooks.manager import plugins
+    from geoprior.options import deciding
+
+    tree = _part("seed", "cameras", "generate", "policy", "pretrain")(config)
+    source = config.pretrain.source
+    options = deciding(plugins().options("source", source))
+    tree["pretrain"]["source"] = {"name": source.name, **options}
+    return tree
 
 
 def _generate(config: RunConfig, place: Workplace) -> Mapping[str, Any]:
@@ -187,9 +211,10 @@ STAGES = (
         summary="Train the policy on the geometric data set: this gives the prior.",
         inputs=("generate",),
         outputs=(PRETRAIN,),
-        config=_part("seed", "cameras", "generate", "policy", "pretrain"),
+        config=_pretrain_part,
         run=_pretrain,
         together=True,
+        passes_on=_WEIGHTS,
     ),
     Stage(
         name="demos",
@@ -207,6 +232,7 @@ STAGES = (
         config=_part("seed", "policy", "finetune"),
         run=_finetune,
         together=True,
+        passes_on=_WEIGHTS,
     ),
     Stage(
         name="evaluate",

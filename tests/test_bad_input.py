@@ -83,14 +83,19 @@ def test_another_config_in_a_finished_folder_ends_with_2_and_loses_nothing(run):
         ("checkpoints/finetune/prior-s0/epoch-000008.safetensors", "evaluate", "finetune"),
     ],
 )
-def test_a_file_cut_off_ends_with_4_and_names_the_stage_that_mends_it(run, pattern, stage, maker):
+def test_a_file_cut_off_ends_with_4_and_the_command_that_is_named_mends_it(run, pattern, stage, maker):
     path = next(iter(sorted(run.glob(pattern))))
+    whole = path.read_bytes()
     os.truncate(path, path.stat().st_size // 2)
     (run / "stages" / f"{stage}.json").unlink()
     assert_sentence(geoprior(stage, "--out", run), 4, f"outputs of {maker}", f"geoprior {maker} --out {run}")
+    mended = geoprior(maker, "--out", run)
+    assert mended.returncode == 0, mended.stderr
+    assert f"{maker}: {path.relative_to(run)} missing or cut off, made again" in mended.stderr
+    assert path.read_bytes() == whole
 
 
-def test_a_damaged_byte_of_a_shard_is_found_by_verify_and_by_training(run):
+def test_a_damaged_byte_of_a_shard_is_found_by_verify(run):
     path = next(iter(sorted(run.glob("shards/synthetic/*.tar"))))
     content = bytearray(path.read_bytes())
     place = content.index(b"IDAT") + 6

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import shutil
+from pathlib import Path
 
 import pytest
 
 from geoprior.config import load_config
 from geoprior.errors import ConfigError
 from geoprior.hooks.manager import plugins
-from geoprior.run_folder import RunFolder, clear
+from geoprior.run_folder import RunFolder, clear, sweep
 from geoprior.stages import Stage
 
 STAGE = Stage("train", "", (), ("checkpoints/train", "log.txt"), lambda _: {}, lambda *_: {})
@@ -46,8 +47,36 @@ def test_a_kill_while_clearing_leaves_no_old_file_where_new_ones_come(run, monke
             clear(run, STAGE)
     assert not (run.path / "checkpoints/train").exists()
     assert not (run.path / "stages/train.json").exists()
-    clear(run, STAGE)
+    sweep(run, STAGE)
     assert list((run.path / "checkpoints").iterdir()) == []
+
+
+def test_a_kill_before_the_record_goes_leaves_nothing_in_the_outputs_place(run, monkeypatch):
+    def killed(path, **_):
+        raise KeyboardInterrupt(path)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "unlink", killed)
+        with pytest.raises(KeyboardInterrupt):
+            clear(run, STAGE)
+    assert (run.path / "stages/train.json").exists()
+    assert not (run.path / "checkpoints/train").exists()
+
+
+def test_halves_of_files_are_swept_and_nothing_else(run):
+    halves = [
+        "checkpoints/train/.epoch-000007.safetensors.77.tmp",
+        "checkpoints/train/deep/.x.webm.77.tmp.webm",
+        ".log.txt.77.tmp",
+    ]
+    kept = ["checkpoints/train/.hidden", ".log.txt.mine", ".other.77.tmp"]
+    for name in halves + kept:
+        (run.path / name).parent.mkdir(exist_ok=True)
+        (run.path / name).write_text("half")
+    sweep(run, STAGE)
+    assert not any((run.path / name).exists() for name in halves)
+    assert all((run.path / name).exists() for name in kept)
+    assert (run.path / "log.txt").exists()
 
 
 def test_a_link_to_a_folder_elsewhere_is_refused_and_nothing_is_lost(run, tmp_path_factory):

@@ -36,11 +36,12 @@ def test_a_run_pretrains_on_fresh_episodes_and_its_files_say_so(tiny_config, tmp
     assert fresh["details"]["data"]["episodes"] == recorded["details"]["data"]["episodes"] == 12
     assert fresh["details"]["data"]["digest"] != recorded["details"]["data"]["digest"]
     source = json.loads((tmp_path / "stages/pretrain.json").read_text())["config"]["pretrain"]["source"]
-    assert source == {"name": "endless", "episodes": None, "keep": 8, "workers": 1}
-    assert run(tmp_path, tiny_config, ENDLESS)[0] == [
-        "generate: done before, skipped",
-        "pretrain: done before, skipped",
-    ]
+    assert source == {"name": "endless", "episodes": None, "keep": 8}
+    for more in ([], ["pretrain.frame_cache_mb=9", "pretrain.source={name: endless, workers: 0}"]):
+        assert run(tmp_path, tiny_config, ENDLESS, *more)[0] == [
+            "generate: done before, skipped",
+            "pretrain: done before, skipped",
+        ]
 
 
 @pytest.mark.parametrize(

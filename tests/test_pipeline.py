@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -97,6 +98,72 @@ def test_a_shortened_output_is_made_again_and_what_reads_it_waits(house):
     with pytest.raises(DataError, match="outputs of first are missing or cut off"):
         house.run("second")
     assert house.run() == ["one/a.txt"]
+
+
+def test_a_damaged_file_is_gone_when_its_stage_runs_and_the_stages_behind_it_stay(house, monkeypatch):
+    """A stage that keeps what is there would else keep the half, and declare it good."""
+    house.run()
+    path = house.path / "one" / "a.txt"
+    path.write_text("")
+    seen = []
+    write = house.write("one/a.txt")
+    first, second = pipeline.STAGES
+
+    def run(config, place):
+        seen.append(path.exists())
+        return write(config, place)
+
+    monkeypatch.setattr(pipeline, "STAGES", (replace(first, run=run), second))
+    assert house.run() == ["one/a.txt"]
+    assert seen == [False]
+    assert house.said == [
+        "first: one/a.txt missing or cut off, made again",
+        "second: done before, skipped",
+    ]
+
+
+def test_a_file_that_is_an_output_by_itself_is_the_stages_to_mend(house, monkeypatch):
+    house.run()
+    (house.path / "two.txt").write_text("")
+    first, second = pipeline.STAGES
+    seen = []
+
+    def run(config, place):
+        seen.append((place.path / "two.txt").exists())
+        (place.path / "two.txt").write_text("0")
+        return {}
+
+    monkeypatch.setattr(pipeline, "STAGES", (first, replace(second, run=run)))
+    house.run()
+    assert seen == [True]
+
+
+def test_what_is_for_people_alone_starts_nothing_again(house, monkeypatch):
+    first, second = pipeline.STAGES
+    monkeypatch.setattr(pipeline, "STAGES", (replace(first, passes_on="*.safetensors"), second))
+    house.run()
+    path = house.path / "one" / "a.txt"
+    path.unlink()
+    assert house.run() == []
+    (house.path / "stages" / "first.json").unlink()
+    assert house.run() == ["one/a.txt"]
+    assert house.said[-1] == "second: done before, skipped"
+
+
+def test_the_run_file_says_who_made_each_stage(house, monkeypatch):
+    house.run("first")
+    monkeypatch.setattr(pipeline.provenance, "versions", lambda: {"geoprior": "9.9"})
+    house.run()
+    stages = json.loads((house.path / "run.json").read_text())["stages"]
+    assert stages["first"]["made_by"]["versions"]["geoprior"] != "9.9"
+    assert stages["second"]["made_by"]["versions"]["geoprior"] == "9.9"
+
+
+def test_a_kill_before_the_run_file_is_written_is_mended(house):
+    house.run()
+    (house.path / "run.json").unlink()
+    assert house.run() == []
+    assert set(json.loads((house.path / "run.json").read_text())["stages"]) == {"first", "second"}
 
 
 def test_another_config_in_the_same_folder_is_refused_and_nothing_is_lost(house):

@@ -16,15 +16,20 @@ from geoprior.geometry.camera import CamerasConfig
 from geoprior.options import Choice
 from geoprior.progress import track
 from geoprior.shards.episode import Episode, EpisodeHeader
-from geoprior.shards.manifest import Manifest, ShardRecord, read_manifest, record_of, write_manifest
+from geoprior.shards.manifest import Manifest, ShardRecord, record_of, write_manifest
 from geoprior.shards.writer import write_shard
 from geoprior.sim.config import DemosConfig
 from geoprior.sim.judge import GAVE_UP, UNSTABLE
 from geoprior.sim.workers import Setup, environment
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
     from geoprior.hooks.types import Executor
     from geoprior.sim.environment import Environment
+    from geoprior.sim.judge import Judge
 
 ATTEMPTS = "attempts.json"
 SCRATCH = "attempts"
@@ -107,7 +112,7 @@ def collect(
     executor: Executor,
     out: Path,
 ) -> Manifest:
-    """Collect demonstrations, or what is still missing of them.
+    """Collect demonstrations, or what is missing of them: not made yet, or lost.
 
     Attempts are numbered, and the first ``config.episodes`` successes in that order are the result: it does
     not depend on the number of workers or on interruptions. Every attempt is on disk when it ends.
@@ -132,9 +137,7 @@ def collect(
         AttemptTask(number, config.first_state + number, setup, config.control_rate, seed, out)
         for number in range(config.max_attempts)
     ]
-    if (out / ATTEMPTS).exists():
-        return _finished(tasks, out)
-    done = {each.number: attempt for each in tasks if (attempt := _kept(each)) is not None}
+    done = _known(tasks, out)
     _run(tasks, done, config.episodes, executor)
     taken = _taken(done, config.episodes)
     if len(taken) < config.episodes:
@@ -175,7 +178,7 @@ def record_expert(env: Environment, task: AttemptTask) -> tuple[Episode | None, 
     judge = Judge(env)
     observations, commands = [], []
     verdict: str | None = None
-    for command in env.expert(task.seed):
+    for command in _until_it_has_held(env.expert(task.seed), judge):
         observations.append(env.observe())
         commands.append(command)
         try:
@@ -195,6 +198,15 @@ def record_expert(env: Environment, task: AttemptTask) -> tuple[Episode | None, 
         images={name: np.stack([each.images[name] for each in observations]) for name in names},
     )
     return episode, "", len(commands)
+
+
+def _until_it_has_held(expert: Iterator[NDArray[np.float32]], judge: Judge) -> Iterator[NDArray[np.float32]]:
+    """The expert's commands; the last repeats while what it has reached must hold on."""
+    command: NDArray[np.float32] | None = None
+    for command in expert:
+        yield command
+    while command is not None and judge.waits:
+        yield command
 
 
 def _header(env: Environment, task: AttemptTask, steps: int) -> EpisodeHeader:
@@ -262,6 +274,16 @@ def _reasons(done: dict[int, Attempt]) -> str:
     return ", ".join(f"{reasons.count(reason)} x {reason}" for reason in sorted(set(reasons)))
 
 
+def _known(tasks: list[AttemptTask], out: Path) -> dict[int, Attempt]:
+    """What earlier calls know; a success whose shard is not there is one to make again."""
+    known = _listed(tasks, out) if (out / ATTEMPTS).exists() else [_kept(task) for task in tasks]
+    return {
+        each.number: each
+        for each in known
+        if each and (not each.success or tasks[each.number].shard.exists())
+    }
+
+
 def _kept(task: AttemptTask) -> Attempt | None:
     """What an earlier, interrupted run knows of an attempt."""
     if not task.note.is_file():
@@ -290,15 +312,13 @@ def _finish(tasks: list[AttemptTask], attempts: list[Attempt], taken: list[int],
     records: list[ShardRecord] = [record_of(path) for path in sorted(wanted)]
     manifest = write_manifest(out, records)
     write_json(out / ATTEMPTS, [asdict(each) for each in attempts])
-    shutil.rmtree(out / SCRATCH)
+    shutil.rmtree(out / SCRATCH, ignore_errors=True)
     return manifest
 
 
-def _finished(tasks: list[AttemptTask], out: Path) -> Manifest:
+def _listed(tasks: list[AttemptTask], out: Path) -> list[Attempt]:
+    """The attempts of a collection that was finished."""
     tree = read_json(out / ATTEMPTS)
     if not isinstance(tree, list) or len(tree) > len(tasks):
         raise DataError(f"{out / ATTEMPTS}: made with another config", f"delete {out}")
-    for task, each in zip(tasks, tree, strict=False):
-        _parse(task, each, out / ATTEMPTS)
-    shutil.rmtree(out / SCRATCH, ignore_errors=True)
-    return read_manifest(out)
+    return [_parse(task, each, out / ATTEMPTS) for task, each in zip(tasks, tree, strict=False)]

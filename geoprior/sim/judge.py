@@ -30,6 +30,11 @@ class Judge:
         self._needed = max(1, math.ceil(env.task.sustain * env.control_rate - 1e-9))
         self._held = 0
 
+    @property
+    def waits(self) -> bool:
+        """Whether there is success and it has not held for long enough."""
+        return 0 < self._held < self._needed
+
     def look(self) -> str | None:
         """None while undecided, an empty string on success, else the reason of failure. Call once a step."""
         reason = self._env.world.failure()

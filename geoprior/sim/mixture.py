@@ -7,7 +7,7 @@ has, which look and move as the downstream ones do.
 from __future__ import annotations
 
 import shutil
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from geoprior.errors import DataError
 from geoprior.files import read_json, sha256_json, write_json
@@ -30,7 +30,7 @@ MIXTURE = "mixture.json"
 def collect_mixture(
     config: SameEnvironmentConfig, *, cameras: CamerasConfig, seed: int, executor: Executor, out: Path
 ) -> Manifest:
-    """Collect demonstrations of every task, or what is still missing of them.
+    """Collect demonstrations of every task, or what is missing of them: not made yet, or lost.
 
     Args:
         config: Which arm and tasks, and how many episodes in all.
@@ -45,8 +45,12 @@ def collect_mixture(
         DataError: The folder holds other data.
     """
     recipe = sha256_json([config.model_dump(mode="json"), cameras.model_dump(mode="json"), seed])
-    if (out / MANIFEST).exists():
-        return _finished(recipe, out)
+    if (out / MANIFEST).exists() or (out / MIXTURE).exists():
+        attempts = _attempts(recipe, out)
+        if _is_whole(out):
+            shutil.rmtree(out / PARTS, ignore_errors=True)
+            return read_manifest(out)
+        _take_apart(attempts, out)
     parts = {
         task.name: collect(
             DemosConfig(
@@ -74,24 +78,39 @@ def shares(config: SameEnvironmentConfig) -> list[tuple[Choice, int]]:
 
 
 def _finish(recipe: str, parts: dict[str, Manifest], out: Path) -> Manifest:
-    """Bring all shards into one folder. What an interrupted call has brought there stays."""
+    """Bring all shards into one folder."""
     attempts = {name: read_json(out / PARTS / name / ATTEMPTS) for name in parts}
     write_json(out / MIXTURE, {"recipe": recipe, "attempts": attempts})
     records: list[ShardRecord] = []
     for name, manifest in parts.items():
         records.extend(manifest.shards)
         for record in manifest.shards:
-            source = out / PARTS / name / record.file
-            if source.exists():
-                source.rename(out / record.file)
+            (out / PARTS / name / record.file).rename(out / record.file)
     manifest = write_manifest(out, records)
     shutil.rmtree(out / PARTS)
     return manifest
 
 
-def _finished(recipe: str, out: Path) -> Manifest:
+def _attempts(recipe: str, out: Path) -> dict[str, Any]:
     tree = read_json(out / MIXTURE) if (out / MIXTURE).exists() else None
     if not isinstance(tree, dict) or tree.get("recipe") != recipe:
         raise DataError(f"{out}: holds other data than is wanted", f"delete {out}, or choose another folder")
-    shutil.rmtree(out / PARTS, ignore_errors=True)
-    return read_manifest(out)
+    attempts: dict[str, Any] = tree["attempts"]
+    return attempts
+
+
+def _is_whole(out: Path) -> bool:
+    return (out / MANIFEST).exists() and all(
+        (out / record.file).exists() for record in read_manifest(out).shards
+    )
+
+
+def _take_apart(attempts: dict[str, Any], out: Path) -> None:
+    """Give every task's folder its shards back: moving them was interrupted, or some are lost."""
+    for name, of_task in attempts.items():
+        folder = out / PARTS / name
+        write_json(folder / ATTEMPTS, of_task)
+        for path in sorted(out.glob(f"{name}-*.tar")):
+            if path.stem.removeprefix(f"{name}-").isdecimal():
+                path.rename(folder / path.name)
+    (out / MANIFEST).unlink(missing_ok=True)

@@ -106,7 +106,7 @@ def evaluate(
     out: Path,
     load: Loader | None = None,
 ) -> Mapping[str, Any]:
-    """Run every trial that ``rollouts.jsonl`` does not hold yet.
+    """Run every trial that ``rollouts.jsonl`` does not hold yet, or whose film is lost.
 
     Every checkpoint meets the same initial states, so that conditions can be compared in pairs. A trial
     that goes wrong is a failure with a reason; only a fault of the machine stops the stage, and the same
@@ -132,7 +132,7 @@ def evaluate(
     """
     path, setup = out / ROLLOUTS, Setup(robot, task, cameras, config.look)
     planned = [(ref, state) for ref in sorted(checkpoints) for state in config.states]
-    records = {record.key: record for record in read_records(path)}
+    records = {record.key: record for record in read_records(path) if _has_film(record, out)}
     _refuse_foreign(path, {_key(ref, state) for ref, state in planned}, setup, records.values())
     missing = [(ref, state) for ref, state in planned if _key(ref, state) not in records]
     films = _films(config, checkpoints, out)
@@ -238,6 +238,11 @@ def _films(
         for ref in shown.values()
         for state in config.states[: config.films]
     }
+
+
+def _has_film(record: TrialRecord, out: Path) -> bool:
+    """Whether the film that it names is there, if it names one."""
+    return not record.film or (out / record.film).is_file()
 
 
 def _refuse_foreign(

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 class EndlessConfig(Options):
     """How many episodes there are, how long each is used, and who makes them."""
 
+    speed_only = frozenset({"workers"})
+
     episodes: int | None = Field(
         None,
         ge=1,

@@ -10,10 +10,12 @@ from quick_demos import Shuffled
 from geoprior.errors import ConfigError, DataError
 from geoprior.executors.local import LocalConfig, LocalExecutor, SerialExecutor
 from geoprior.files import read_json
+from geoprior.hooks.manager import plugins
 from geoprior.options import Choice
 from geoprior.shards.reader import EpisodeStore
 from geoprior.sim import demos
 from geoprior.sim.config import DemosConfig
+from geoprior.sim.workers import Setup, environment
 
 
 def _collect(out: Path, executor, cameras, config: DemosConfig | None = None, robot: str = "ur5e"):
@@ -61,6 +63,18 @@ def test_interrupted_collection_goes_on_to_the_same_bytes(fast_episodes, tmp_pat
     assert idle.ran == 0
 
 
+def test_lost_demonstrations_alone_are_made_again(fast_episodes, tmp_path, cameras):
+    manifest = _collect(tmp_path, SerialExecutor(), cameras)
+    before = _bytes(tmp_path)
+    for record in manifest.shards[1:3]:
+        (tmp_path / record.file).unlink()
+    (tmp_path / "manifest.json").unlink()
+    again = Shuffled(2)
+    _collect(tmp_path, again, cameras)
+    assert _bytes(tmp_path) == before
+    assert 2 <= again.ran < len(manifest.shards)
+
+
 def test_demonstrations_of_another_config_are_refused(fast_episodes, tmp_path, cameras):
     _collect(tmp_path, SerialExecutor(), cameras)
     with pytest.raises(DataError, match="another config"):
@@ -91,6 +105,22 @@ def test_real_demonstration_round_trips_through_its_shard(env, tmp_path, cameras
     np.testing.assert_array_equal(episode.pose[0], seen.pose)
     for name, frame in seen.images.items():
         np.testing.assert_array_equal(episode.images[name][0], frame)
+
+
+def test_the_last_command_repeats_until_success_has_held(ur5e, cameras, tmp_path):
+    """An expert that ends at the goal need not know for how long the task wants to see it."""
+    short, long = (Choice(name="pick", options={"sustain": seconds}) for seconds in (0.1, 2.5))
+    episodes = []
+    for task in (short, long):
+        setup = Setup(ur5e, plugins().resolve("task", task), cameras)
+        attempt = demos.AttemptTask(0, 0, setup, 10, 0, tmp_path)
+        episode, reason, _ = demos.record_expert(environment(setup, 10), attempt)
+        assert reason == ""
+        episodes.append(episode)
+    brief, held = (episode.action for episode in episodes)
+    np.testing.assert_array_equal(held[: len(brief)], brief)
+    assert len(brief) < len(held)
+    assert (held[len(brief) :] == brief[-1]).all()
 
 
 @pytest.mark.slow

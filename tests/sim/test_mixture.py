@@ -51,7 +51,7 @@ def test_every_task_gives_its_share_to_one_data_set(fast_episodes, tmp_path, cam
     store = EpisodeStore(tmp_path)
     assert len(store) == 7
     assert {store.header(number).source for number in range(7)} == {"simulated"}
-    verify(tmp_path)
+    assert list(verify(tmp_path)) == []
     attempts = read_json(tmp_path / MIXTURE)["attempts"]
     assert [each["success"] for each in attempts["pick"]] == [True, False, True, True]
     assert [each["state_seed"] for each in attempts["place"]] == [40, 41, 42]
@@ -89,6 +89,17 @@ def test_killed_while_shards_move_it_goes_on_to_the_same_bytes(
     assert len(list((tmp_path / "cut").glob("*.tar"))) == moved
     _collect(tmp_path / "cut", SerialExecutor(), cameras)
     assert _bytes(tmp_path / "cut") == _bytes(tmp_path / "whole")
+
+
+@pytest.mark.parametrize("file", ["place-000002.tar", "manifest.json"])
+def test_what_is_lost_alone_is_made_again(fast_episodes, tmp_path, cameras, file):
+    _collect(tmp_path, SerialExecutor(), cameras)
+    before = _bytes(tmp_path)
+    (tmp_path / file).unlink()
+    again = Shuffled(2)
+    _collect(tmp_path, again, cameras)
+    assert _bytes(tmp_path) == before
+    assert (again.ran > 0) == file.endswith(".tar")
 
 
 def test_other_data_in_the_folder_are_refused(fast_episodes, tmp_path, cameras):

@@ -76,6 +76,16 @@ def test_conditions_meet_the_same_states_and_films_show_the_last_checkpoints(ref
     assert all((out / film).stat().st_size > 0 for film in films)
 
 
+def test_a_lost_film_is_drawn_again_and_no_other_trial_is_run(env, tmp_path):
+    refs = _refs(tmp_path, "still", "silent")
+    _evaluate(tmp_path, refs)
+    before = {path: path.read_bytes() for path in [tmp_path / "rollouts.jsonl", *tmp_path.glob("films/*")]}
+    lost = next(iter(sorted(tmp_path.glob("films/*"))))
+    lost.unlink()
+    _evaluate(tmp_path, refs, StopsAfter(1))
+    assert {path: path.read_bytes() for path in before} == before
+
+
 @pytest.mark.parametrize("count", [0, 1, 3])
 def test_interrupted_evaluation_goes_on_to_the_same_bytes(env, tmp_path, count):
     refs = _refs(tmp_path, "still", "silent")
