@@ -14,7 +14,10 @@ from typing import NamedTuple
 from geoprior.errors import DataError
 
 BLOCK = 512
-REMEDY = "look closer with `geoprior shards verify PATH`, or delete it and run `geoprior generate` again"
+REMEDY = (
+    "look closer with `geoprior shards verify PATH`, or delete it and run the stage that made it again "
+    "(`geoprior generate`, `geoprior demos`)"
+)
 LONGEST_NAME = 100
 _OWNER = "geoprior"
 _MODE = 0o444
@@ -95,15 +98,20 @@ def _walk(read: Callable[[int], bytes], seek: Callable[[int], int], size: int) -
             raise ValueError(f"not a tar, or damaged: no member begins at byte {offset}")
         if header[156:157] not in b"0\0" or header[345] or header[124] & 0x80:
             raise _ForeignError
-        member = Member(
-            header[:100].split(b"\0", 1)[0].decode(), offset + BLOCK, int(header[124:136].rstrip(b"\0 "), 8)
-        )
+        member = Member(header[:100].split(b"\0", 1)[0].decode(), offset + BLOCK, _size(header, offset))
         offset = _after(member)
         if offset > size:
             raise ValueError(f"cut off in {member.name}: it should reach byte {offset}, the file has {size}")
         members.append(member)
         seek(offset)
     return members, offset
+
+
+def _size(header: bytes, offset: int) -> int:
+    digits = header[124:136].strip(b"\0 ")
+    if not digits.isdigit():
+        raise ValueError(f"damaged: the size of the member at byte {offset} is {digits!r}")
+    return int(digits, 8)
 
 
 def _walk_foreign(path: Path) -> tuple[list[Member], int]:

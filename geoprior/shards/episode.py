@@ -7,7 +7,7 @@ other languages.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
@@ -25,6 +25,9 @@ POSE_FIELDS = ("x", "y", "z", "qx", "qy", "qz", "qw", "gripper")
 POSE_SIZE = len(POSE_FIELDS)
 WORLD = "world"
 """Mount of a camera that rides on no hand."""
+_Three, _Four = Field(min_length=3, max_length=3), Field(min_length=4, max_length=4)
+_ThreeRows = Annotated[list[Annotated[list[float], _Three]], _Three]
+_FourRows = Annotated[list[Annotated[list[float], _Four]], _Four]
 
 
 class CameraHeader(Options):
@@ -36,9 +39,9 @@ class CameraHeader(Options):
     height: int = Field(ge=1, description="Rows in pixels.")
     width: int = Field(ge=1, description="Columns in pixels.")
     channels: Literal[1, 3] = Field(description="1: binary (0 or 255); 3: RGB.")
-    intrinsics: list[list[float]] = Field(description="(3, 3) pinhole matrix in pixels.")
+    intrinsics: _ThreeRows = Field(description="(3, 3) pinhole matrix in pixels.")
     mount: str = Field(description="`world` for a fixed camera, else the name of the hand it rides on.")
-    transform_camera_to_mount: list[list[float]] = Field(
+    transform_camera_to_mount: _FourRows = Field(
         description="(4, 4); the camera looks along +z, +x right, +y down; metres."
     )
 

@@ -100,11 +100,19 @@ def generate(
 
 def _kept(task: ShardTask) -> ShardRecord:
     store = EpisodeStore(task.path)
-    made = store.header(0).details.get("recipe")
-    wanted = recipe(task.config, task.cameras, task.seed, task.episodes[0][0])
-    if list(store.keys) != task.keys or made != wanted:
+    if list(store.keys) != task.keys or not _has_recipes(store, task):
         raise DataError(
             f"{task.path}: this shard was made from another config",
             "delete the folder, or choose another one",
         )
     return store.manifest.shards[0]
+
+
+def _has_recipes(store: EpisodeStore, task: ShardTask) -> bool:
+    """Whether an episode of each motion was made as it would be now."""
+    places = {motion.name: place for place, (motion, _) in enumerate(task.episodes)}
+    return all(
+        store.header(place).details.get("recipe")
+        == recipe(task.config, task.cameras, task.seed, task.episodes[place][0])
+        for place in places.values()
+    )

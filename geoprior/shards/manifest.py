@@ -19,7 +19,7 @@ from geoprior.shards.index import digest_of, index_shard
 MANIFEST = "manifest.json"
 MANIFEST_VERSION: Literal[1] = 1
 FILE_NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]*\.tar$"
-_REMEDY = "delete the folder and run `geoprior generate` again"
+_REMEDY = "delete the folder and run the stage that made it again (`geoprior generate`, `geoprior demos`)"
 
 
 class ShardRecord(Options):

@@ -42,6 +42,9 @@ if TYPE_CHECKING:
     from geoprior.scene.scene import Scene
     from geoprior.shards.config import GenerateConfig
 
+REVISION = 1
+"""Raised when the same config and seed come to give other episodes."""
+
 
 @dataclass(frozen=True)
 class Take:
@@ -257,7 +260,7 @@ def recipe(config: GenerateConfig, cameras: CamerasConfig, seed: int, motion: Ch
     """
     made_from = config.model_dump(mode="json", exclude={"episodes", "episodes_per_shard", "motions"})
     made_from |= {"motion": motion.model_dump(mode="json"), "cameras": cameras.model_dump(mode="json")}
-    return sha256_json(made_from | {"seed": seed, "generator": __version__})
+    return sha256_json(made_from | {"seed": seed, "revision": REVISION})
 
 
 def _named_variants(config: GenerateConfig) -> dict[str, list[str]]:

@@ -115,6 +115,17 @@ def test_what_is_not_a_tar_is_named(tmp_path, content):
         read_members(path)
 
 
+@pytest.mark.parametrize("size", [b"-0000001000\0", b"0000000010x\0", b"00000000090\0", bytes(12)])
+def test_a_size_that_is_none_is_refused(tmp_path, size):
+    """A negative one would send the reader round in a circle."""
+    data = bytearray(our_tar({"a": {"json": b"x"}}))
+    data[124:136] = size
+    path = tmp_path / "crafted.tar"
+    path.write_bytes(data)
+    with pytest.raises(DataError, match=r"crafted\.tar: "):
+        read_members(path)
+
+
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(DataError, match=r"none\.tar: no such file"):
         read_members(tmp_path / "none.tar")

@@ -15,6 +15,7 @@ from geoprior.files import sha256_file
 from geoprior.geometry.camera import CamerasConfig
 from geoprior.options import Choice
 from geoprior.shards import generate as stage
+from geoprior.shards import synthesis
 from geoprior.shards.config import GenerateConfig
 from geoprior.shards.manifest import read_manifest
 from geoprior.shards.reader import EpisodeStore
@@ -122,6 +123,26 @@ def test_shards_of_another_config_are_refused(made, tmp_path, change):
         run(tmp_path, config=CONFIG.model_copy(update=change))
     with pytest.raises(DataError, match="another config"):
         run(tmp_path, seed=9)
+
+
+def test_a_shard_of_which_one_motion_would_be_made_otherwise_is_refused(made, tmp_path):
+    path = tmp_path / "synthetic-000000.tar"
+    path.write_bytes((made / path.name).read_bytes())
+    *others, _ = CONFIG.motions
+    motions = [*others, Choice(name="push", options={"gap": [0.011, 0.012]})]
+    with pytest.raises(DataError, match="another config"):
+        run(tmp_path, config=CONFIG.model_copy(update={"motions": motions}))
+
+
+def test_another_version_of_geoprior_goes_on_with_the_same_shards(made, tmp_path, monkeypatch):
+    path = tmp_path / "synthetic-000000.tar"
+    path.write_bytes((made / path.name).read_bytes())
+    monkeypatch.setattr(synthesis, "__version__", "9.9")
+    run(tmp_path)
+    assert path.read_bytes() == (made / path.name).read_bytes()
+    monkeypatch.setattr(synthesis, "REVISION", synthesis.REVISION + 1)
+    with pytest.raises(DataError, match="another config"):
+        run(tmp_path)
 
 
 def test_a_damaged_shard_is_refused(made, tmp_path):

@@ -1,5 +1,6 @@
 import json
 import os
+import re
 
 import numpy as np
 import pytest
@@ -100,6 +101,10 @@ FAULTS = {
     "the cameras are out of order": (
         edit("json", lambda data: data.replace(b'"name":"hand"', b'"name":"zzz"')),
         "the header's cameras ['zzz', 'third'] are not in alphabetical order",
+    ),
+    "a matrix has no rows": (
+        edit("json", lambda data: re.sub(rb'"intrinsics":\[\[.*?\]\]', b'"intrinsics":[]', data, count=1)),
+        "pick-000003.json cameras.0.intrinsics: List should have at least 3 items",
     ),
     "a pose is not finite": (swap("pose.npy", poses(0, np.nan)), "pose.npy: a value is not finite (step 2)"),
     "a quaternion is not of unit length": (
