@@ -33,7 +33,7 @@ from geoprior.study.statistics import (
     find_peak,
     mcnemar_exact,
     paired_interval,
-    wilson_interval,
+    rate_interval,
 )
 from geoprior.study.trials import Trial, read_rollouts
 
@@ -88,7 +88,7 @@ def _group(trials: Sequence[Trial], seed: int, baseline: str) -> GroupResult:
         look=look,
         training_seeds=training_seeds,
         initial_states=len(state_seeds),
-        conditions=[_condition(name, by_name[name], training_seeds) for name in names],
+        conditions=[_condition(name, by_name[name], outcomes[name], training_seeds) for name in names],
         comparisons=[
             comparison
             for name in others
@@ -115,10 +115,12 @@ def _outcomes(trials: Sequence[Trial], training_seeds: Sequence[int], state_seed
     }
 
 
-def _condition(name: str, trials: Sequence[Trial], training_seeds: Sequence[int]) -> ConditionResult:
-    epochs = sorted({trial.epoch for trial in trials})
+def _condition(
+    name: str, trials: Sequence[Trial], outcomes: Outcomes, training_seeds: Sequence[int]
+) -> ConditionResult:
+    epochs = sorted(outcomes)
     checkpoints = [
-        _checkpoint(epoch, [trial for trial in trials if trial.epoch == epoch], training_seeds)
+        _checkpoint(epoch, [trial for trial in trials if trial.epoch == epoch], outcomes, training_seeds)
         for epoch in epochs
     ]
     rates = [checkpoint.successes / checkpoint.trials for checkpoint in checkpoints]
@@ -134,7 +136,9 @@ def _condition(name: str, trials: Sequence[Trial], training_seeds: Sequence[int]
     )
 
 
-def _checkpoint(epoch: int, trials: Sequence[Trial], training_seeds: Sequence[int]) -> CheckpointResult:
+def _checkpoint(
+    epoch: int, trials: Sequence[Trial], outcomes: Outcomes, training_seeds: Sequence[int]
+) -> CheckpointResult:
     successes = sum(trial.success for trial in trials)
     reasons = Counter(trial.reason or "not said" for trial in trials if not trial.success)
     return CheckpointResult(
@@ -142,7 +146,7 @@ def _checkpoint(epoch: int, trials: Sequence[Trial], training_seeds: Sequence[in
         trials=len(trials),
         successes=successes,
         rate=_round(successes / len(trials)),
-        interval=_bounds(wilson_interval(successes, len(trials))),
+        interval=_bounds(rate_interval(outcomes[epoch])),
         successes_by_training_seed={
             str(seed): sum(trial.success for trial in trials if trial.training_seed == seed)
             for seed in training_seeds

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.stats import binom, binomtest
+from scipy.stats import binom, binomtest, norm, t
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -57,22 +57,48 @@ class Peak:
     rate: float
 
 
-def wilson_interval(successes: int, trials: int, *, confidence: float = CONFIDENCE) -> Interval:
-    """Wilson's score interval of a success rate (from `scipy.stats.binomtest`).
+def wilson_interval(rate: float, trials: float, *, confidence: float = CONFIDENCE) -> Interval:
+    """Wilson's score interval of a success rate (E. B. Wilson, 1927).
+
+    `scipy.stats.binomtest` has it for whole numbers of trials; the two agree there.
 
     Args:
-        successes: Between 0 and ``trials``.
-        trials: At least 1, independent of each other.
+        rate: Measured, 0 to 1.
+        trials: Independent ones that it is worth, at least 1; perhaps not a whole number.
         confidence: Coverage asked for, between 0 and 1.
 
     Returns:
-        Within [0, 1]; never of width zero, not even at 0 or all successes.
+        Within [0, 1]; never of width zero, not even at a rate of 0 or 1.
 
     Raises:
-        ValueError: The counts are impossible.
+        ValueError: The numbers are impossible.
     """
-    bounds = binomtest(successes, trials).proportion_ci(confidence_level=confidence, method="wilson")
-    return Interval(float(bounds.low), float(bounds.high))
+    if not 0.0 <= rate <= 1.0 or trials < 1:
+        raise ValueError(f"a rate of {rate} in {trials} trials is impossible")
+    z = float(norm.ppf((1.0 + confidence) / 2.0))
+    shrunk = 1.0 + z**2 / trials
+    centre = (rate + z**2 / (2.0 * trials)) / shrunk
+    half_width = z / shrunk * math.sqrt(rate * (1.0 - rate) / trials + z**2 / (4.0 * trials**2))
+    return Interval(min(max(0.0, centre - half_width), rate), max(min(1.0, centre + half_width), rate))
+
+
+def rate_interval(outcomes: ArrayLike, *, confidence: float = CONFIDENCE) -> Interval:
+    """Wilson's interval of the success rate of trained policies, over the initial states.
+
+    Policies of several training seeds meet the same states, and what one fails on the others may fail on
+    too. So their trials are worth fewer than they are: as many as would give the mean over states the
+    variance that it shows, at least one a state. Of other trainings the interval does not speak.
+
+    Args:
+        outcomes: (S, N) bool, by training seed and initial state.
+        confidence: Coverage asked for, between 0 and 1.
+    """
+    table = np.asarray(outcomes, dtype=np.float64)
+    seeds, states = table.shape
+    rate = float(table.mean())
+    variance = float(table.mean(axis=0).var(ddof=1)) / states if states > 1 else 0.0
+    worth = rate * (1.0 - rate) / variance if variance > 0.0 else states
+    return wilson_interval(rate, min(max(worth, states), seeds * states), confidence=confidence)
 
 
 def paired_interval(
@@ -89,6 +115,10 @@ def paired_interval(
     pigeonhole bootstrap", 2007). With one training seed only the states are drawn, and the interval speaks
     of those trained policies, not of other trainings.
 
+    Drawing from few seeds shows too little of how trainings differ: from two, nothing lies beyond the worse
+    one. So what the draw of seeds moves is stretched, by Student's quantile for so many seeds over the normal
+    one and by the square root of S / (S - 1); benchmarks/interval_coverage.py has what that does.
+
     Two made-up states, half a success to either side, join the real ones, much as Agresti and Min (2005)
     do for paired proportions: without them the interval shrinks to a point when all pairs agree.
 
@@ -99,7 +129,7 @@ def paired_interval(
         confidence: Coverage asked for, between 0 and 1.
 
     Returns:
-        Percentile interval within [-1, 1], widened where needed to hold the measured mean.
+        Within [-1, 1], widened where needed to hold the measured mean.
 
     Raises:
         ValueError: ``differences`` is not a table, is empty, or leaves [-1, 1].
@@ -110,10 +140,12 @@ def paired_interval(
     seed_counts = _resample_counts(seeds, samples, rng)
     state_counts = _resample_counts(states + 2, samples, rng)
     means = np.sum((seed_counts @ padded) * state_counts, axis=1) / padded.size
+    of_seeds = padded.mean(axis=1) - padded.mean()
+    means += (_stretch(seeds, confidence) - 1.0) * (seed_counts @ of_seeds) / seeds
     tail = (1.0 - confidence) / 2.0
     low, high = np.quantile(means, [tail, 1.0 - tail])
     mean = float(table.mean())
-    return Interval(min(float(low), mean), max(float(high), mean))
+    return Interval(min(max(float(low), -1.0), mean), max(min(float(high), 1.0), mean))
 
 
 def mcnemar_exact(first: ArrayLike, second: ArrayLike) -> McNemar:
@@ -180,6 +212,14 @@ def expected_peak(rate: float, *, checkpoints: int, trials: int) -> float:
     """
     below = binom.cdf(np.arange(trials), trials, rate)
     return float(np.sum(1.0 - below**checkpoints) / trials)
+
+
+def _stretch(seeds: int, confidence: float) -> float:
+    """By how much a mean of so many is less certain than a draw from them with replacement shows."""
+    if seeds == 1:
+        return 1.0
+    quantile = (1.0 + confidence) / 2.0
+    return float(t.ppf(quantile, seeds - 1) / norm.ppf(quantile)) * math.sqrt(seeds / (seeds - 1))
 
 
 def _difference_table(differences: ArrayLike) -> NDArray[np.float64]:

@@ -43,7 +43,7 @@ class Trial:
     reason: str
     steps: Count
     seconds: float
-    film: str = ""
+    film: Annotated[str, Field(pattern=r"^(films/[A-Za-z0-9._-]+\.webm)?$")] = ""
     look: str = "plain"
 
     @property

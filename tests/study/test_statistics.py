@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.integrate import trapezoid
-from scipy.stats import binom, norm
+from scipy.stats import binom, binomtest, norm
 
 from geoprior.geometry.seeding import generator
 from geoprior.study.statistics import (
@@ -18,6 +18,7 @@ from geoprior.study.statistics import (
     find_peak,
     mcnemar_exact,
     paired_interval,
+    rate_interval,
     wilson_interval,
 )
 
@@ -34,14 +35,14 @@ def wilson_by_hand(successes: int, trials: int, confidence: float) -> tuple[floa
 
 @given(counts, st.sampled_from([0.8, 0.95, 0.99]))
 def test_wilson_solves_the_score_equation(count, confidence):
-    interval = wilson_interval(*count, confidence=confidence)
+    interval = wilson_interval(count[0] / count[1], count[1], confidence=confidence)
     assert_allclose([interval.low, interval.high], wilson_by_hand(*count, confidence), atol=1e-6)
 
 
 @given(counts)
 def test_wilson_holds_the_rate_and_has_width_even_at_the_ends(count):
     successes, trials = count
-    interval = wilson_interval(successes, trials)
+    interval = wilson_interval(successes / trials, trials)
     assert 0.0 <= interval.low <= successes / trials <= interval.high <= 1.0
     assert interval.high - interval.low > 1e-3
 
@@ -49,17 +50,18 @@ def test_wilson_holds_the_rate_and_has_width_even_at_the_ends(count):
 @given(counts)
 def test_wilson_mirrors_failures_and_rises_with_successes(count):
     successes, trials = count
-    here, mirrored = wilson_interval(successes, trials), wilson_interval(trials - successes, trials)
+    rate = successes / trials
+    here, mirrored = wilson_interval(rate, trials), wilson_interval(1.0 - rate, trials)
     assert_allclose([here.low, here.high], [1.0 - mirrored.high, 1.0 - mirrored.low], atol=1e-12)
     if successes < trials:
-        more = wilson_interval(successes + 1, trials)
+        more = wilson_interval((successes + 1) / trials, trials)
         assert more.low > here.low
         assert more.high >= here.high
 
 
 @pytest.mark.parametrize(("trials", "half_width"), [(20, 0.20), (50, 0.13), (100, 0.10), (200, 0.07)])
 def test_wilson_half_widths_that_the_documentation_quotes(trials, half_width):
-    interval = wilson_interval(trials // 2, trials)
+    interval = wilson_interval(0.5, trials)
     assert (interval.high - interval.low) / 2.0 == pytest.approx(half_width, abs=0.005)
 
 
@@ -67,15 +69,51 @@ def test_wilson_half_widths_that_the_documentation_quotes(trials, half_width):
 @pytest.mark.parametrize("trials", [30, 50, 150])
 def test_wilson_covers_about_as_often_as_it_says(rate, trials):
     chance = binom.pmf(np.arange(trials + 1), trials, rate)
-    intervals = [wilson_interval(k, trials) for k in range(trials + 1)]
+    intervals = [wilson_interval(k / trials, trials) for k in range(trials + 1)]
     covered = sum(p for p, found in zip(chance, intervals, strict=True) if found.low <= rate <= found.high)
     assert covered > 0.92
 
 
-@pytest.mark.parametrize("count", [(-1, 10), (11, 10)])
-def test_wilson_refuses_impossible_counts(count):
-    with pytest.raises(ValueError, match="k"):
-        wilson_interval(*count)
+@pytest.mark.parametrize(("rate", "trials"), [(-0.1, 10), (1.1, 10), (0.5, 0)])
+def test_wilson_refuses_impossible_rates(rate, trials):
+    with pytest.raises(ValueError, match="impossible"):
+        wilson_interval(rate, trials)
+
+
+@given(counts, st.sampled_from([0.8, 0.95, 0.99]))
+def test_wilson_is_scipys(count, confidence):
+    found = wilson_interval(count[0] / count[1], count[1], confidence=confidence)
+    theirs = binomtest(*count).proportion_ci(confidence_level=confidence, method="wilson")
+    assert_allclose([found.low, found.high], [theirs.low, theirs.high], atol=1e-12)
+
+
+def test_one_training_has_wilsons_interval():
+    row = np.arange(40) % 3 == 0
+    assert rate_interval(row[None]) == wilson_interval(row.mean(), 40)
+
+
+def test_trainings_that_agree_on_every_state_are_worth_one():
+    row = np.arange(40) % 3 == 0
+    agreeing = rate_interval(np.tile(row, (5, 1)))
+    assert_allclose(vars(agreeing)["low"], rate_interval(row[None]).low, rtol=0.05)
+    assert rate_interval(np.ones((5, 40))) == wilson_interval(1.0, 40)
+
+
+@pytest.mark.parametrize("state_spread", [0.0, 1.0, 4.0])
+@pytest.mark.parametrize("seeds", [2, 5])
+def test_a_pooled_rate_covers_the_rate_of_the_same_policies_on_other_states(seeds, state_spread):
+    rng = np.random.default_rng(5)
+    luck = 0.7 * rng.normal(size=(seeds, 1))
+
+    def rates(states):
+        return 1.0 / (1.0 + np.exp(-luck - state_spread * rng.normal(size=(1, states))))
+
+    truth, covered = rates(200_000).mean(), 0
+    for _ in range(300):
+        chance = rates(50)
+        found = rate_interval(rng.random(chance.shape) < chance)
+        covered += found.low <= truth <= found.high
+    assert covered / 300 > 0.92
 
 
 def test_mcnemar_against_the_binomial_sum():
@@ -141,6 +179,27 @@ def test_paired_interval_covers_the_true_difference(seeds, states, spread):
     for _ in range(200):
         _, (first, second) = outcomes(rng, seeds, states, **spread)
         found = paired_interval(first.astype(float) - second, rng, samples=500)
+        covered += found.low <= truth <= found.high
+    assert covered / 200 > 0.9
+
+
+@pytest.mark.parametrize("seeds", [2, 3, 5])
+@pytest.mark.parametrize("seed_spread", [0.0, 0.5, 1.3])
+def test_the_area_of_few_trainings_that_stay_apart_is_covered(seeds, seed_spread):
+    """Over a whole curve a training's own luck stays, and that of single trials averages out."""
+    rng, checkpoints, covered = np.random.default_rng(4), 6, 0
+
+    def rates(shape):
+        luck = seed_spread * rng.normal(size=(2, shape[0], 1))
+        odds = np.array([0.5, -0.5])[:, None, None] + luck + rng.normal(size=(1, 1, shape[1]))
+        return 1.0 / (1.0 + np.exp(-odds))
+
+    first, second = rates((2000, 2000))
+    truth = (first - second).mean()
+    for _ in range(200):
+        chance = np.repeat(rates((seeds, 50))[..., None], checkpoints, axis=-1)
+        first, second = (rng.random(chance.shape) < chance).mean(axis=-1)
+        found = paired_interval(first - second, rng, samples=500)
         covered += found.low <= truth <= found.high
     assert covered / 200 > 0.9
 
