@@ -79,7 +79,7 @@ def _measure(*, rounds: int, steps: int, goals: bool) -> Iterator[Metric]:
         closing(make_source(Path(folder))) as source,
         arithmetic(Machine("cpu", "fp32", threads)),
     ):
-        yield from _measure_loop(source, rounds, steps, threads, goals=goals)
+        yield from _measure_loop(source, 2 * rounds - 1, steps + 1, threads, goals=goals)
         measured = _Rounds(threads, rounds, steps)
         yield from measured.steps_of(source, "compact", COMPACT, 64, "bf16")
         for precision in ("bf16", "fp32"):

@@ -15,6 +15,7 @@ import torch
 from pydantic import NonNegativeFloat, PositiveInt, TypeAdapter
 
 from geoprior.errors import DataError
+from geoprior.lanes import in_lanes, numbers_of
 from geoprior.options import Options
 
 if TYPE_CHECKING:
@@ -166,4 +167,13 @@ def normalise_images(frames: Tensor) -> Tensor:
     Returns:
         (..., 3, H, W) float32, with the channels last in memory.
     """
-    return torch.addcmul(_IMAGE_SHIFT, frames.float(), _IMAGE_SCALE).movedim(-1, -3)
+    plain = frames.dtype in {torch.uint8, torch.float32} and not frames.requires_grad
+    if not plain or not frames.is_cpu or torch.compiler.is_compiling():
+        return torch.addcmul(_IMAGE_SHIFT, frames.float(), _IMAGE_SCALE).movedim(-1, -3)
+    from geoprior.policies._frames_kernel import scale_frames
+
+    scaled = torch.empty(*frames.shape[:-1], 3)
+    pixels = numbers_of(frames.contiguous()).reshape(-1, frames.shape[-1])
+    out = numbers_of(scaled).reshape(-1, 3)
+    in_lanes(scale_frames, scaled.numel(), pixels, _IMAGE_SCALE.numpy(), _IMAGE_SHIFT.numpy(), out)
+    return scaled.movedim(-1, -3)
