@@ -74,6 +74,31 @@ def _outcome(env: Environment) -> str | None:
     return verdict
 
 
+@pytest.mark.parametrize("rate", [20, 25, 50])
+def test_waits_last_as_long_at_any_rate(rate):
+    start = np.array([0.0, 0.0, 0.25, np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0, 0.0], dtype=np.float32)
+    points = [Waypoint(start[:3].astype(float), Rotation.from_quat(start[3:7]), 1.0, 0.2, wait=13)] * 3
+    seconds = [len(list(follow(start, points, each))) / each for each in (10, rate)]
+    assert seconds[1] == pytest.approx(seconds[0], abs=3 * 0.1)
+
+
+@pytest.mark.parametrize("task", ["push", "pile"])
+def test_an_expert_takes_its_time_at_fifty_commands_a_second(task, cameras):
+    """The two that failed when their waits were counted in commands."""
+    lengths = []
+    for rate in (10, 50):
+        env, commands = environment(Setup(Choice(name="ur5e"), Choice(name=task), cameras), rate), 0
+        for state in range(600_000, 600_003):
+            env.reset(state)
+            judge, verdict = Judge(env), None
+            for command in env.expert(seed=0):
+                env.step(command)
+                verdict, commands = judge.look(), commands + 1
+            assert verdict == "", (rate, state, verdict)
+        lengths.append(commands / rate)
+    assert lengths[1] == pytest.approx(lengths[0], rel=0.05)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("task", plugins().names("task"))
 @pytest.mark.parametrize("robot", ["ur5e", "xarm7", "kinova3"])

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from geoprior.geometry.se3 import apply
-from geoprior.sim.experts.grasp import CLOSING_STEPS
+from geoprior.sim.experts.grasp import CLOSING_TENTHS
 from geoprior.sim.worlds.place import INNER_HALF_SIZE, WALL_HEIGHT
 
 GOAL, YAW = np.array([-0.02, 0.06]), 0.6
@@ -83,7 +83,7 @@ def test_cube_between_the_fingers_does_not_count(place_env):
     for command in place_env.expert(seed=0):
         place_env.step(command)
         closing += command[7] == 1.0
-        if closing == CLOSING_STEPS:
+        if closing == CLOSING_TENTHS:
             break
     world.put_goal(world.cube_position()[:2], world.cube_yaw())
     mujoco.mj_kinematics(world.sim.model._model, data)

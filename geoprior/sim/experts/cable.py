@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from geoprior.sim.experts.course import Course
-from geoprior.sim.experts.grasp import CLOSING_STEPS, nearest_yaw, yaw_of
+from geoprior.sim.experts.grasp import CLOSING_TENTHS, nearest_yaw, yaw_of
 from geoprior.sim.experts.path import Waypoint, hand_down
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def _take(
     grasp = grasp + course.correction()
     yield from course.go(
         Waypoint(grasp, down, 0.0, speed, wait=int(rng.integers(0, 3))),
-        Waypoint(grasp, down, 1.0, speed, wait=CLOSING_STEPS),
+        Waypoint(grasp, down, 1.0, speed, wait=CLOSING_TENTHS),
     )
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from geoprior.sim.experts.course import Course
-from geoprior.sim.experts.grasp import CLOSING_STEPS, yaw_of
+from geoprior.sim.experts.grasp import CLOSING_TENTHS, yaw_of
 from geoprior.sim.experts.path import Waypoint, hand_down
 from geoprior.sim.worlds.vessels import CAN_HEIGHT
 
@@ -42,6 +42,6 @@ def can_expert(
     lifted = grasp + np.array([*rng.normal(0.0, 0.01, 2), rng.uniform(0.11, 0.15)])
     yield from course.go(
         Waypoint(grasp, down, 0.0, speed * rng.uniform(0.4, 0.6), wait=int(rng.integers(1, 4))),
-        Waypoint(grasp, down, 1.0, speed, wait=CLOSING_STEPS),
+        Waypoint(grasp, down, 1.0, speed, wait=CLOSING_TENTHS),
         Waypoint(lifted, down, 1.0, speed, wait=int(rng.integers(3, 6))),
     )

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from geoprior.sim.experts.path import Waypoint, follow
+from geoprior.sim.experts.path import Waypoint, commands_in, follow
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from geoprior.geometry.se3 import FloatArray
     from geoprior.sim.worlds.tabletop import Tabletop
 
-STILL = 0.002
-"""Metres: a hand that moved less than this during each of the last two commands is still."""
+STILL = 0.02
+"""Metres a second: a hand that was slower than this for two tenths of a second is still."""
 
 
 class Course:
@@ -41,14 +41,15 @@ class Course:
             yield command
 
     def rest(self, patience: int) -> Iterator[NDArray[np.float32]]:
-        """Repeat the last command until the hand is still, ``patience`` times at most."""
+        """Repeat the last command until the hand is still, for ``patience`` tenths of a second at most."""
+        rate = self._world.control_freq
         before, still = self._hand(), 0
-        for _ in range(patience):
+        for _ in range(commands_in(patience, rate)):
             yield self.last
             now = self._hand()
-            still = still + 1 if np.linalg.norm(now - before) < STILL else 0
+            still = still + 1 if rate * np.linalg.norm(now - before) < STILL else 0
             before = now
-            if still == 2:
+            if still == commands_in(2, rate):
                 return
 
     def target(self) -> FloatArray:

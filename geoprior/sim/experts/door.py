@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from geoprior.sim.experts.course import Course
-from geoprior.sim.experts.grasp import CLOSING_STEPS
+from geoprior.sim.experts.grasp import CLOSING_TENTHS
 from geoprior.sim.experts.path import AT_ONCE, Waypoint, eased, hand_down
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def _grasp(course: Course, world: DoorWorld, rng: np.random.Generator) -> Iterat
     grasp += _limited(course.correction())
     yield from course.go(
         Waypoint(grasp, rotation, 0.0, speed, wait=int(rng.integers(0, 3))),
-        Waypoint(grasp, rotation, 1.0, speed, wait=CLOSING_STEPS),
+        Waypoint(grasp, rotation, 1.0, speed, wait=CLOSING_TENTHS),
     )
 
 

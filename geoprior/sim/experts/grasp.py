@@ -16,8 +16,9 @@ if TYPE_CHECKING:
     from geoprior.geometry.se3 import FloatArray
     from geoprior.sim.worlds.cube import CubeWorld
 
-CLOSING_STEPS = 13
-"""Commands during which the hand waits for its fingers: robosuite closes by a fifth of half the way each."""
+CLOSING_TENTHS = 13
+"""Tenths of a second in which the hand waits for its fingers: robosuite closes them by a fifth of half the way
+with every command."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,7 @@ class Grasp:
         return [
             Waypoint(self.above, self.rotation, 0.0, self.speed),
             Waypoint(self.position, self.rotation, 0.0, slow, wait=wait),
-            Waypoint(self.position, self.rotation, 1.0, self.speed, wait=CLOSING_STEPS),
+            Waypoint(self.position, self.rotation, 1.0, self.speed, wait=CLOSING_TENTHS),
         ]
 
 

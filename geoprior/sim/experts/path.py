@@ -22,6 +22,9 @@ AT_ONCE = np.inf
 TURNING_SPEED = 1.2
 """Radians a second, the mean over a segment."""
 
+TENTHS = 10
+"""In a second: the unit in which experts wait, whatever the rate of commands."""
+
 
 @dataclass(frozen=True)
 class Waypoint:
@@ -32,7 +35,7 @@ class Waypoint:
         rotation: Of the hand frame in the workspace frame.
         gripper: 0 or 1, from the segment's first command on.
         speed: Mean speed of the segment, metres a second.
-        wait: Commands for which the hand stays once it is there.
+        wait: Tenths of a second for which the hand stays once it is there.
     """
 
     position: FloatArray
@@ -72,8 +75,13 @@ def _shares(
     steps = max(1, round(seconds * control_rate))
     for step in range(1, steps + 1):
         yield eased(step / steps)
-    for _ in range(waypoint.wait):
+    for _ in range(commands_in(waypoint.wait, control_rate)):
         yield 1.0
+
+
+def commands_in(tenths: int, control_rate: int) -> int:
+    """How many commands are given in so many tenths of a second, at least one if there are any."""
+    return max(1, round(tenths * control_rate / TENTHS)) if tenths else 0
 
 
 def eased(time: float) -> float:

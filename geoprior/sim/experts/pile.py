@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from geoprior.sim.experts.course import Course
-from geoprior.sim.experts.grasp import CLOSING_STEPS, yaw_of
+from geoprior.sim.experts.grasp import CLOSING_TENTHS, yaw_of
 from geoprior.sim.experts.path import Waypoint, hand_down
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def _take(
     over = grasp - bottle + world.transform_object_to_workspace(world.can)[:3, 3]
     yield from course.go(
         Waypoint(grasp, down, 0.0, speed, wait=int(rng.integers(0, 3))),
-        Waypoint(grasp, down, 1.0, speed, wait=CLOSING_STEPS),
+        Waypoint(grasp, down, 1.0, speed, wait=CLOSING_TENTHS),
         Waypoint(grasp + up, down, 1.0, speed, wait=int(rng.integers(1, 3))),
         Waypoint(over + up, down, 1.0, 0.75 * speed),
     )

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from geoprior.shards.episode import POSE_SIZE
-from geoprior.sim.experts.grasp import CLOSING_STEPS
+from geoprior.sim.experts.grasp import CLOSING_TENTHS
 from geoprior.sim.experts.path import Waypoint, follow, hand_down
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def pot_expert(
         above = position + np.array([*rng.normal(0.0, 0.006, 2), rng.uniform(0.08, 0.11)])
         phases[0].append(Waypoint(above, rotation, 0.0, speed))
         phases[1].append(Waypoint(position, rotation, 0.0, 0.6 * speed, wait=wait))
-        phases[2].append(Waypoint(position, rotation, 1.0, speed, wait=CLOSING_STEPS))
+        phases[2].append(Waypoint(position, rotation, 1.0, speed, wait=CLOSING_TENTHS))
         phases[3].append(Waypoint(position + lift, rotation, 1.0, 0.7 * speed, wait=6))
     last = start
     for number, phase in enumerate(phases):
