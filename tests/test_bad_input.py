@@ -80,7 +80,12 @@ def test_another_config_in_a_finished_folder_ends_with_2_and_loses_nothing(run):
         ("shards/synthetic/*.tar", "pretrain", "generate"),
         ("shards/demos/*.tar", "finetune", "demos"),
         ("checkpoints/pretrain/epoch-000006.safetensors", "finetune", "pretrain"),
-        ("checkpoints/finetune/prior-s0/epoch-000008.safetensors", "evaluate", "finetune"),
+        pytest.param(
+            "checkpoints/finetune/prior-s0/epoch-000008.safetensors",
+            "evaluate",
+            "finetune",
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_a_file_cut_off_ends_with_4_and_the_command_that_is_named_mends_it(run, pattern, stage, maker):

@@ -80,7 +80,12 @@ def _result(future: Future[Result]) -> Result:
 
 
 def prepare_worker(parent: int) -> None:
-    """Leave Ctrl-C to the parent, use one core, and do not outlive the parent."""
+    """Leave Ctrl-C to the parent, use one core, and do not outlive the parent.
+
+    Numerical libraries ask for their number of threads when they are loaded, which comes after this.
+    """
+    for library in ("OMP", "OPENBLAS", "MKL"):
+        os.environ[f"{library}_NUM_THREADS"] = "1"
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     end_with_parent(parent)
 

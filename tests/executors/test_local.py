@@ -25,6 +25,22 @@ def die_at_three(number):
     return number
 
 
+def threads_of_libraries(_):
+    import numpy as np
+    import torch
+    from threadpoolctl import threadpool_info
+
+    np.ones((64, 64)) @ np.ones((64, 64))
+    return [torch.get_num_threads(), *(each["num_threads"] for each in threadpool_info())]
+
+
+@pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="one core is all there is")
+def test_a_worker_uses_one_core():
+    ((_, threads),) = LocalExecutor(LocalConfig(workers=1)).run(threads_of_libraries, [0])
+    assert set(threads) == {1}
+    assert len(threads) > 1
+
+
 @pytest.mark.parametrize("executor", [SerialExecutor(), LocalExecutor(LocalConfig(workers=2))])
 def test_every_item_comes_back_once_with_its_position(executor):
     items = [5, 1, 4, 2]

@@ -147,7 +147,7 @@ def test_checkpoints_are_found_by_condition_and_seed(tmp_path):
     assert len(find_checkpoints(tmp_path)) == 2
 
 
-@pytest.mark.parametrize("batch", [2, 5])
+@pytest.mark.parametrize("batch", [2, pytest.param(5, marks=pytest.mark.slow)])
 def test_batches_workers_and_interruptions_do_not_show_in_the_records(env, tmp_path, batch):
     refs = _refs(tmp_path, "still", "silent")
     config = CONFIG.model_copy(update={"trials": 5, "batch": batch})

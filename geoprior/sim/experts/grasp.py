@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from geoprior.sim.worlds.cube import CubeWorld
 
 CLOSING_TENTHS = 13
-"""Tenths of a second in which the hand waits for its fingers: robosuite closes them by a fifth of half the way
+"""Tenths of a second that the hand waits for its fingers: robosuite closes them by a fifth of half the way
 with every command."""
 
 
