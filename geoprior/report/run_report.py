@@ -11,7 +11,7 @@ from geoprior.files import read_json, write_json
 from geoprior.report.headline import headline
 from geoprior.report.report import Media, write_report
 from geoprior.shards.reader import EpisodeStore
-from geoprior.study.results import Trial, read_rollouts, summarise
+from geoprior.study.results import TrialRecord, read_rollouts, summarise
 from geoprior.view.sheet import store_sheet, write_sheet
 
 
@@ -70,7 +70,7 @@ def _sheet(section: Literal["synthetic", "demonstrations"], shards: Path, folder
     return Media(section, path, f"{kind}{len(store)} episodes in all; a row each, both cameras.", "image")
 
 
-def _films(run: Path, trials: Sequence[Trial]) -> Iterator[Media]:
+def _films(run: Path, trials: Sequence[TrialRecord]) -> Iterator[Media]:
     for trial in trials:
         if trial.film:
             outcome = "success" if trial.success else trial.reason

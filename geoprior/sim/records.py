@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import os
-from dataclasses import asdict, dataclass, fields
-from typing import TYPE_CHECKING
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Annotated
+
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError, with_config
 
 from geoprior.errors import DataError
 from geoprior.files import write_bytes
@@ -14,7 +16,11 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
     from pathlib import Path
 
+Count = Annotated[int, Field(ge=0)]
+FilmPath = Annotated[str, Field(pattern=r"^(films/[A-Za-z0-9._-]+\.webm)?$")]
 
+
+@with_config(ConfigDict(extra="ignore", allow_inf_nan=False))
 @dataclass(frozen=True, order=True)
 class TrialRecord:
     """One trial.
@@ -39,20 +45,25 @@ class TrialRecord:
     robot: str
     task: str
     condition: str
-    training_seed: int
-    epoch: int
-    state_seed: int
-    success: bool
+    training_seed: Count
+    epoch: Count
+    state_seed: Count
+    success: Annotated[bool, Field(strict=True)]
     reason: str
-    steps: int
+    steps: Count
     seconds: float
-    film: str = ""
+    film: FilmPath = ""
     look: str = "plain"
 
     @property
     def key(self) -> tuple[str, int, int, int]:
-        """What tells the trials of one file apart."""
+        """What tells the trials of one scene apart."""
         return self.condition, self.training_seed, self.epoch, self.state_seed
+
+    @property
+    def scene(self) -> tuple[str, str, str]:
+        """Robot, task and look: only trials that agree in them are compared."""
+        return self.robot, self.task, self.look
 
     def line(self) -> bytes:
         """The record as a line of JSON."""
@@ -72,7 +83,11 @@ def read_records(path: Path) -> list[TrialRecord]:
     if len(whole) < len(content):
         with path.open("r+b") as file:
             file.truncate(len(whole))
-    return [_parse(path, number, line) for number, line in enumerate(whole.splitlines(), start=1)]
+    hint = f"delete {path} and run the same command again"
+    return [
+        parse_record(line, f"{path}:{number}", hint)
+        for number, line in enumerate(whole.splitlines(), start=1)
+    ]
 
 
 def append_record(path: Path, record: TrialRecord) -> None:
@@ -92,13 +107,18 @@ def write_records(path: Path, records: Iterable[TrialRecord]) -> None:
     write_bytes(path, b"".join(record.line() for record in sorted(records)))
 
 
-def _parse(path: Path, number: int, line: bytes) -> TrialRecord:
-    remedy = f"delete {path} and run the same command again"
+def parse_record(line: bytes, where: str, hint: str) -> TrialRecord:
+    """Read one line; keys of a later version are ignored.
+
+    Raises:
+        DataError: It is not JSON, or a field is missing or out of range; the message says where.
+    """
     try:
-        tree = json.loads(line)
-    except ValueError as error:
-        raise DataError(f"{path}:{number}: not JSON", remedy) from error
-    names = {field.name for field in fields(TrialRecord)}
-    if not isinstance(tree, dict) or set(tree) != names:
-        raise DataError(f"{path}:{number}: not the record of a trial", remedy)
-    return TrialRecord(**tree)
+        return _LINE.validate_json(line)
+    except ValidationError as error:
+        fault = error.errors(include_url=False)[0]
+        field = ".".join(str(part) for part in fault["loc"])
+        raise DataError(f"{where}: {f'{field}: ' if field else ''}{fault['msg']}", hint) from error
+
+
+_LINE = TypeAdapter(TrialRecord)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from geoprior.errors import DataError
 from geoprior.geometry.seeding import generator
+from geoprior.sim.records import TrialRecord
 from geoprior.study.schema import (
     Bounds,
     CheckpointDifference,
@@ -35,9 +36,9 @@ from geoprior.study.statistics import (
     paired_interval,
     rate_interval,
 )
-from geoprior.study.trials import Trial, read_rollouts
+from geoprior.study.trials import read_rollouts
 
-__all__ = ["BASELINE", "Results", "Trial", "parse_results", "read_rollouts", "summarise"]
+__all__ = ["BASELINE", "Results", "TrialRecord", "parse_results", "read_rollouts", "summarise"]
 
 BASELINE = "scratch"
 
@@ -45,7 +46,7 @@ Outcomes = dict[int, NDArray[np.bool_]]
 """By epoch: (training seeds, initial states), both by rising seed."""
 
 
-def summarise(trials: Iterable[Trial], *, seed: int, baseline: str = BASELINE) -> Results:
+def summarise(trials: Iterable[TrialRecord], *, seed: int, baseline: str = BASELINE) -> Results:
     """Everything that ``results.json`` says.
 
     Args:
@@ -60,8 +61,8 @@ def summarise(trials: Iterable[Trial], *, seed: int, baseline: str = BASELINE) -
     Raises:
         DataError: There are no trials, or one is missing, so that pairs would be torn.
     """
-    groups: dict[tuple[str, str, str], list[Trial]] = {}
-    for trial in sorted(trials, key=lambda trial: trial.key):
+    groups: dict[tuple[str, str, str], list[TrialRecord]] = {}
+    for trial in sorted(trials, key=lambda trial: (trial.scene, trial.key)):
         groups.setdefault(trial.scene, []).append(trial)
     if not groups:
         raise DataError(
@@ -74,7 +75,7 @@ def summarise(trials: Iterable[Trial], *, seed: int, baseline: str = BASELINE) -
     )
 
 
-def _group(trials: Sequence[Trial], seed: int, baseline: str) -> GroupResult:
+def _group(trials: Sequence[TrialRecord], seed: int, baseline: str) -> GroupResult:
     robot, task, look = scene = trials[0].scene
     training_seeds = sorted({trial.training_seed for trial in trials})
     state_seeds = sorted({trial.state_seed for trial in trials})
@@ -97,7 +98,9 @@ def _group(trials: Sequence[Trial], seed: int, baseline: str) -> GroupResult:
     )
 
 
-def _outcomes(trials: Sequence[Trial], training_seeds: Sequence[int], state_seeds: Sequence[int]) -> Outcomes:
+def _outcomes(
+    trials: Sequence[TrialRecord], training_seeds: Sequence[int], state_seeds: Sequence[int]
+) -> Outcomes:
     success = {(trial.epoch, trial.training_seed, trial.state_seed): trial.success for trial in trials}
     if len(success) != len(trials):
         raise DataError(f"{trials[0].condition}: a trial is there twice")
@@ -116,7 +119,7 @@ def _outcomes(trials: Sequence[Trial], training_seeds: Sequence[int], state_seed
 
 
 def _condition(
-    name: str, trials: Sequence[Trial], outcomes: Outcomes, training_seeds: Sequence[int]
+    name: str, trials: Sequence[TrialRecord], outcomes: Outcomes, training_seeds: Sequence[int]
 ) -> ConditionResult:
     epochs = sorted(outcomes)
     checkpoints = [
@@ -137,7 +140,7 @@ def _condition(
 
 
 def _checkpoint(
-    epoch: int, trials: Sequence[Trial], outcomes: Outcomes, training_seeds: Sequence[int]
+    epoch: int, trials: Sequence[TrialRecord], outcomes: Outcomes, training_seeds: Sequence[int]
 ) -> CheckpointResult:
     successes = sum(trial.success for trial in trials)
     reasons = Counter(trial.reason or "not said" for trial in trials if not trial.success)

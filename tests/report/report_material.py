@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from geoprior.report.report import Media
-from geoprior.study.results import Trial, summarise
+from geoprior.study.results import TrialRecord, summarise
 
 RATES = {
     "prior": {256: 0.57, 512: 0.44, 768: 0.53, 1024: 0.5},
@@ -22,7 +22,7 @@ def trials(rates=RATES, *, training_seeds=(0,), states=30, robot="ur5e", seed=0)
     rng = np.random.default_rng(seed)
     difficulty = rng.random(states)
     return [
-        Trial(
+        TrialRecord(
             task="pick",
             robot=robot,
             condition=condition,

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
-from dataclasses import replace
+import json
+from dataclasses import asdict, replace
 
 import pytest
 
@@ -51,3 +52,28 @@ def test_foreign_line_is_named(tmp_path, line):
     path.write_bytes(path.read_bytes() + line)
     with pytest.raises(DataError, match=r"rollouts\.jsonl:2"):
         read_records(path)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("film", "/etc/passwd"),
+        ("film", "films/../../secret.webm"),
+        ("film", "films/x.txt"),
+        ("success", 1),
+        ("epoch", -1),
+        ("seconds", None),
+    ],
+)
+def test_what_a_stranger_wrote_is_checked(tmp_path, key, value):
+    path = tmp_path / "rollouts.jsonl"
+    path.write_text(json.dumps({**asdict(RECORD), key: value}) + "\n")
+    with pytest.raises(DataError, match=rf"rollouts\.jsonl:1: {key}"):
+        read_records(path)
+
+
+def test_a_film_beside_the_records_may_be_named(tmp_path):
+    path = tmp_path / "rollouts.jsonl"
+    filmed = replace(RECORD, film="films/prior-s0-epoch-000096-state-3000000.webm")
+    append_record(path, filmed)
+    assert read_records(path) == [filmed]
