@@ -129,7 +129,7 @@ def _run(
     if is_follower():
         follow_stages(resolved, out, names, plugins())
         return
-    _ensure_fit(out)
+    _ensure_fit(out, rendering=any(stage.simulates(resolved) for stage in STAGES if stage.name in names))
     with open_run(out, resolved, STAGES, replace=replace) as folder:
         run_stages(folder, names, plugins(), _say)
 
@@ -150,11 +150,13 @@ def _load(config: str | None, overrides: tuple[str, ...], out: Path | None = Non
     return load_config(config or saved or QUICKSTART, overrides, plugins())
 
 
-def _ensure_fit(out: Path) -> None:
+def _ensure_fit(out: Path, *, rendering: bool) -> None:
     from geoprior.doctor import checks
 
-    findings = checks.examine(out)
+    findings = checks.examine(out, rendering=rendering)
     checks.require_fit(findings)
+    if not rendering:
+        return
     os.environ.setdefault(checks.GL_VARIABLE, checks.usable_backend(findings))
 
 

@@ -46,6 +46,14 @@ class Workplace:
         return executor
 
 
+def _never(_: RunConfig) -> bool:
+    return False
+
+
+def _always(_: RunConfig) -> bool:
+    return True
+
+
 @dataclass(frozen=True)
 class Stage:
     """One stage.
@@ -61,6 +69,7 @@ class Stage:
         together: Whether all processes of torchrun take part in it; the others are the first one's alone.
         passes_on: Pattern of the names of the files that later stages read: those are made again when they
             are lost. The rest, such as logs, is for people.
+        simulates: Whether it renders robots, for which a machine needs GL.
     """
 
     name: str
@@ -72,6 +81,7 @@ class Stage:
     revision: int = 1
     together: bool = False
     passes_on: str = "*"
+    simulates: Callable[[RunConfig], bool] = _never
 
 
 def _part(*keys: str) -> Callable[[RunConfig], dict[str, Any]]:
@@ -205,6 +215,7 @@ STAGES = (
         outputs=(SYNTHETIC,),
         config=_part("seed", "cameras", "generate", "same_environment"),
         run=_generate,
+        simulates=lambda config: config.same_environment is not None,
     ),
     Stage(
         name="pretrain",
@@ -223,6 +234,7 @@ STAGES = (
         outputs=(DEMOS,),
         config=_part("seed", "cameras", "robot", "task", "demos"),
         run=_demos,
+        simulates=_always,
     ),
     Stage(
         name="finetune",
@@ -241,6 +253,7 @@ STAGES = (
         outputs=(ROLLOUTS, FILMS),
         config=_part("seed", "cameras", "robot", "task", "evaluate"),
         run=_evaluate,
+        simulates=_always,
     ),
     Stage(
         name="report",

@@ -125,6 +125,14 @@ def test_no_gl_ends_with_5_and_the_apt_line(tmp_path):
     assert not (tmp_path / "run").exists()
 
 
+def test_what_renders_nothing_needs_no_gl(tmp_path):
+    """A machine that trains alone may have none."""
+    small = [word for key in ("episodes=1", "seconds=1") for word in ("--set", f"generate.{key}")]
+    done = geoprior("generate", "quickstart", "--out", tmp_path / "run", *small, MUJOCO_GL="glfw")
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "run/shards/synthetic/manifest.json").exists()
+
+
 def test_a_wrong_mujoco_ends_with_5_and_the_pip_line(tmp_path):
     """A package's metadata that claims another version, found before the real one."""
     metadata = tmp_path / "mujoco-3.10.0.dist-info"

@@ -42,14 +42,16 @@ class Finding:
     needed: bool = True
 
 
-def examine(folder: Path | None = None) -> list[Finding]:
+def examine(folder: Path | None = None, *, rendering: bool = True) -> list[Finding]:
     """Run every check.
 
     Args:
         folder: Where a run would write; its disk is checked too.
+        rendering: Whether GL is needed: a machine that trains alone may have none.
     """
     findings = [*_requirements(), *_opencv()]
-    findings += render_backends()
+    if rendering:
+        findings += render_backends()
     if folder is not None:
         findings.append(_disk(folder))
     findings.append(_cores())
