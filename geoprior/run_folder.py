@@ -79,8 +79,11 @@ class RunFolder:
             return None
         try:
             return Record(**read_json(path))
-        except TypeError as error:
-            raise DataError(f"{path}: not a stage record", f"delete it to run {stage} again") from error
+        except (TypeError, DataError) as error:
+            raise DataError(
+                f"{path}: not a stage record",
+                f"what lies there may be of another config: delete it and what {stage} wrote, run it again",
+            ) from error
 
     def write_record(self, record: Record) -> None:
         """Write the stage's record."""
