@@ -53,7 +53,9 @@ class Record:
     def passed_on(self, stage: Stage) -> dict[str, Mapping[str, Any]]:
         """Those outputs that later stages read."""
         return {
-            name: output for name, output in self.outputs.items() if fnmatch(Path(name).name, stage.passes_on)
+            name: output
+            for name, output in self.outputs.items()
+            if any(fnmatch(Path(name).name, pattern) for pattern in stage.passes_on)
         }
 
     def digest(self, stage: Stage) -> str:

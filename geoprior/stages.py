@@ -25,7 +25,8 @@ ROLLOUTS = "rollouts.jsonl"
 FILMS = "films"
 RESULTS = "results.json"
 REPORT = "report"
-_WEIGHTS = "epoch-*"
+_EPISODES = ("*.tar", "manifest.json")
+_WEIGHTS = ("epoch-*",)
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,7 @@ class Stage:
         run: Does the work; returns small facts for the run's record.
         revision: Raised when the same config and inputs come to mean something else.
         together: Whether all processes of torchrun take part in it; the others are the first one's alone.
-        passes_on: Pattern of the names of the files that later stages read: those are made again when they
+        passes_on: Patterns of the names of the files that later stages read: those are made again when they
             are lost. The rest, such as logs, is for people.
         simulates: Whether it renders robots, for which a machine needs GL.
     """
@@ -80,7 +81,7 @@ class Stage:
     run: Callable[[RunConfig, Workplace], Mapping[str, Any]]
     revision: int = 1
     together: bool = False
-    passes_on: str = "*"
+    passes_on: tuple[str, ...] = ("*",)
     simulates: Callable[[RunConfig], bool] = _never
 
 
@@ -215,6 +216,8 @@ STAGES = (
         outputs=(SYNTHETIC,),
         config=_part("seed", "cameras", "generate", "same_environment"),
         run=_generate,
+        revision=2,
+        passes_on=_EPISODES,
         simulates=lambda config: config.same_environment is not None,
     ),
     Stage(
@@ -224,6 +227,7 @@ STAGES = (
         outputs=(PRETRAIN,),
         config=_pretrain_part,
         run=_pretrain,
+        revision=2,
         together=True,
         passes_on=_WEIGHTS,
     ),
@@ -234,6 +238,8 @@ STAGES = (
         outputs=(DEMOS,),
         config=_part("seed", "cameras", "robot", "task", "demos"),
         run=_demos,
+        revision=2,
+        passes_on=_EPISODES,
         simulates=_always,
     ),
     Stage(
@@ -243,6 +249,7 @@ STAGES = (
         outputs=(FINETUNE,),
         config=_part("seed", "policy", "finetune"),
         run=_finetune,
+        revision=2,
         together=True,
         passes_on=_WEIGHTS,
     ),

@@ -140,7 +140,7 @@ def test_a_file_that_is_an_output_by_itself_is_the_stages_to_mend(house, monkeyp
 
 def test_what_is_for_people_alone_starts_nothing_again(house, monkeypatch):
     first, second = pipeline.STAGES
-    monkeypatch.setattr(pipeline, "STAGES", (replace(first, passes_on="*.safetensors"), second))
+    monkeypatch.setattr(pipeline, "STAGES", (replace(first, passes_on=("*.safetensors",)), second))
     house.run()
     path = house.path / "one" / "a.txt"
     path.unlink()

@@ -82,7 +82,8 @@ def _result(future: Future[Result]) -> Result:
 def prepare_worker(parent: int) -> None:
     """Leave Ctrl-C to the parent, use one core, and do not outlive the parent.
 
-    Numerical libraries ask for their number of threads when they are loaded, which comes after this.
+    Numerical libraries ask for their number of threads when they are loaded, which comes after this, unless
+    the script that the processes belong to loads them at its top.
     """
     for library in ("OMP", "OPENBLAS", "MKL"):
         os.environ[f"{library}_NUM_THREADS"] = "1"

@@ -117,7 +117,14 @@ def _size(header: bytes, offset: int) -> int:
 def _walk_foreign(path: Path) -> tuple[list[Member], int]:
     try:
         with tarfile.open(path, "r:") as archive:
-            members = [Member(info.name, info.offset_data, info.size) for info in archive if info.isreg()]
+            members: list[Member] = []
+            last = -1
+            for info in archive:
+                if info.size < 0 or info.offset <= last:
+                    raise DataError(f"{path}: damaged: the size of {info.name!r} is {info.size}", REMEDY)
+                last = info.offset
+                if info.isreg():
+                    members.append(Member(info.name, info.offset_data, info.size))
             return members, archive.offset
     except tarfile.TarError as error:
         raise DataError(f"{path}: not a tar, or damaged ({error})", REMEDY) from error

@@ -36,8 +36,8 @@ class CameraHeader(Options):
     name: str = Field(
         pattern=r"^[a-z0-9][a-z0-9_-]*$", description="Name of the view, for example `hand` or `third`."
     )
-    height: int = Field(ge=1, description="Rows in pixels.")
-    width: int = Field(ge=1, description="Columns in pixels.")
+    height: int = Field(ge=1, le=65_535, description="Rows in pixels.")
+    width: int = Field(ge=1, le=65_535, description="Columns in pixels.")
     channels: Literal[1, 3] = Field(description="1: binary (0 or 255); 3: RGB.")
     intrinsics: _ThreeRows = Field(description="(3, 3) pinhole matrix in pixels.")
     mount: str = Field(description="`world` for a fixed camera, else the name of the hand it rides on.")

@@ -36,6 +36,8 @@ SCRATCH = "attempts"
 ENOUGH = "enough"
 """A file among the notes that calls off the attempts which are queued in workers already."""
 SOURCE = "simulated"
+REVISION = 2
+"""Raised when the same config and seed come to give other demonstrations."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +80,7 @@ class AttemptTask:
         """Hash of everything that decides the attempt."""
         parts = (self.setup.robot, self.setup.task, self.setup.cameras, self.setup.look)
         tree = [part.model_dump(mode="json") for part in parts]
-        return sha256_json([*tree, self.control_rate, self.seed, self.number, self.state_seed])
+        return sha256_json([REVISION, *tree, self.control_rate, self.seed, self.number, self.state_seed])
 
 
 @dataclass(frozen=True)

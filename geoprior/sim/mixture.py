@@ -13,7 +13,7 @@ from geoprior.errors import DataError
 from geoprior.files import read_json, sha256_json, write_json
 from geoprior.shards.manifest import MANIFEST, Manifest, ShardRecord, read_manifest, write_manifest
 from geoprior.sim.config import DemosConfig
-from geoprior.sim.demos import ATTEMPTS, collect
+from geoprior.sim.demos import ATTEMPTS, REVISION, collect
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -44,7 +44,7 @@ def collect_mixture(
         GeopriorError: See `geoprior.sim.demos.collect`.
         DataError: The folder holds other data.
     """
-    recipe = sha256_json([config.model_dump(mode="json"), cameras.model_dump(mode="json"), seed])
+    recipe = sha256_json([REVISION, config.model_dump(mode="json"), cameras.model_dump(mode="json"), seed])
     if (out / MANIFEST).exists() or (out / MIXTURE).exists():
         attempts = _attempts(recipe, out)
         if _is_whole(out):

@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 Count = Annotated[int, Field(ge=0)]
-FilmPath = Annotated[str, Field(pattern=r"^(films/[A-Za-z0-9._-]+\.webm)?$")]
+FilmPath = Annotated[str, Field(pattern=r"^(films/[^/\\\x00-\x1f]+\.webm)?$")]
+"""A file in the folder of films, and nowhere else; conditions have their names in any alphabet."""
 
 
 @with_config(ConfigDict(extra="ignore", allow_inf_nan=False))

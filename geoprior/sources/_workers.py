@@ -58,9 +58,10 @@ class WorkerProcess:
         self._pool = ProcessPoolExecutor(
             max_workers=1,
             mp_context=get_context("spawn"),
-            initializer=_begin,
-            initargs=(os.getpid(), config),
+            initializer=prepare_worker,  # before anything that loads a numerical library
+            initargs=(os.getpid(),),
         )
+        self._pool.submit(_begin, config)
 
     def ask(self, method: Callable[..., Answer], *arguments: object) -> Callable[[], Answer]:
         """See `Worker`."""
@@ -93,9 +94,8 @@ _stager: Callable[[], Stager] | None = None
 """Of a worker process: builds its stager at the first call."""
 
 
-def _begin(parent: int, config: StagerConfig) -> None:
+def _begin(config: StagerConfig) -> None:
     global _stager
-    prepare_worker(parent)
     _stager = lru_cache(partial(Stager, config))
 
 

@@ -34,6 +34,7 @@ from geoprior.training.resume import (
     load_progress,
     require_same_training,
     save_progress,
+    saved_step,
 )
 from geoprior.training.team import Team
 
@@ -123,18 +124,32 @@ def fit(training: Training) -> dict[str, Any]:
 
 
 def _finished(training: Training) -> dict[str, Any] | None:
-    """What an earlier call returned, if all that it made is still there."""
+    """What an earlier call returned, if all that it made is still there; else what is stale is removed."""
     path = training.folder / RESULT_NAME
     if not path.exists():
+        _drop_state_past_lost_checkpoints(training)
         return None
     result: dict[str, Any] = read_json(path)
     require_same_training(path, result.get("fingerprint"), training.fingerprint)
-    kept = {checkpoint.epoch for checkpoint in list_checkpoints(training.folder)}
-    if kept.issuperset(chain(*_checkpoint_steps(training).values())):
-        (training.folder / RESUME_NAME).unlink(missing_ok=True)
+    (training.folder / RESUME_NAME).unlink(missing_ok=True)
+    if _has_checkpoints(training, training.steps):
         return result
     path.unlink()
     return None
+
+
+def _drop_state_past_lost_checkpoints(training: Training) -> None:
+    """From such a state a training would go on and never make them again."""
+    step = saved_step(training.folder)
+    if step is not None and not _has_checkpoints(training, step):
+        (training.folder / RESUME_NAME).unlink()
+
+
+def _has_checkpoints(training: Training, step: int) -> bool:
+    """Whether those that are due by a step are there."""
+    kept = {checkpoint.epoch for checkpoint in list_checkpoints(training.folder)}
+    due = _checkpoint_steps(training)
+    return kept.issuperset(chain(*(epochs for at, epochs in due.items() if at <= step)))
 
 
 def _shown(training: Training, done: int) -> AbstractContextManager[Track]:

@@ -147,7 +147,8 @@ class _Statistics:
     def add(self) -> None:
         """After a part: what it has changed, so that a constant stays what it is to the last bit."""
         for total, buffer, begun in zip(self.sums, self._means, self._means_begun, strict=True):
-            total.add_(buffer - begun, alpha=1.0 / self._microbatches)
+            same = buffer == begun  # infinities too, whose difference is no number
+            total.add_(torch.where(same, 0.0, buffer - begun), alpha=1.0 / self._microbatches)
 
     def settle(self) -> None:
         """After the parts of all processes."""

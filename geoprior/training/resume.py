@@ -84,6 +84,16 @@ def load_progress(
     return Progress(int(state["step"]), float(state["seconds"]), state["averages"])
 
 
+def saved_step(folder: Path) -> int | None:
+    """The step of the state that `save_progress` wrote, or None where there is none.
+
+    Raises:
+        DataError: The file is damaged.
+    """
+    path = folder / RESUME_NAME
+    return int(_read_state(path)["step"]) if path.exists() else None
+
+
 def require_same_training(path: Path, found: object, fingerprint: str) -> None:
     """Refuse the files of another training.
 

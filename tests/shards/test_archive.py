@@ -126,6 +126,21 @@ def test_a_size_that_is_none_is_refused(tmp_path, size):
         read_members(path)
 
 
+@pytest.mark.parametrize("size", [b"-0000001000\0", b"\xff" * 10 + b"\xfe\x00"])
+def test_a_negative_size_in_a_foreign_tar_is_refused(tmp_path, size):
+    path = tmp_path / "crafted.tar"
+    write_standard(path, tarfile.GNU_FORMAT, "long/" + 120 * "n")
+    last = read_members(path)[-1]
+    data = bytearray(path.read_bytes())
+    header = last.offset - 512
+    data[header + 124 : header + 136] = size
+    data[header + 148 : header + 156] = b" " * 8
+    data[header + 148 : header + 156] = b"%06o\0 " % sum(data[header : header + 512])
+    path.write_bytes(data)
+    with pytest.raises(DataError, match=r"crafted\.tar: "):
+        read_members(path)
+
+
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(DataError, match=r"none\.tar: no such file"):
         read_members(tmp_path / "none.tar")

@@ -102,6 +102,10 @@ FAULTS = {
         edit("json", lambda data: data.replace(b'"name":"hand"', b'"name":"zzz"')),
         "the header's cameras ['zzz', 'third'] are not in alphabetical order",
     ),
+    "a width is beyond all frames": (
+        edit("json", lambda data: re.sub(rb'"width":\d+', b'"width":9999999999', data, count=1)),
+        "pick-000003.json cameras.0.width: Input should be less than or equal to 65535",
+    ),
     "a matrix has no rows": (
         edit("json", lambda data: re.sub(rb'"intrinsics":\[\[.*?\]\]', b'"intrinsics":[]', data, count=1)),
         "pick-000003.json cameras.0.intrinsics: List should have at least 3 items",

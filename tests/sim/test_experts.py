@@ -12,7 +12,7 @@ from geoprior.options import Choice
 from geoprior.shards.episode import validate_poses
 from geoprior.sim.demos import AttemptTask, record_expert
 from geoprior.sim.environment import Environment
-from geoprior.sim.experts.path import Waypoint, follow, hand_down
+from geoprior.sim.experts.path import Waypoint, commands_in, follow, hand_down
 from geoprior.sim.judge import Judge
 from geoprior.sim.workers import Setup, environment
 
@@ -80,6 +80,12 @@ def test_waits_last_as_long_at_any_rate(rate):
     points = [Waypoint(start[:3].astype(float), Rotation.from_quat(start[3:7]), 1.0, 0.2, wait=13)] * 3
     seconds = [len(list(follow(start, points, each))) / each for each in (10, rate)]
     assert seconds[1] == pytest.approx(seconds[0], abs=3 * 0.1)
+
+
+@pytest.mark.parametrize("rate", [1, 2, 5])
+def test_fingers_get_as_many_commands_at_low_rates(rate):
+    assert commands_in(13, rate) == commands_in(13, 10) == 13
+    assert commands_in(0, rate) == 0
 
 
 @pytest.mark.parametrize("task", ["push", "pile"])

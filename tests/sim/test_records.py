@@ -74,6 +74,11 @@ def test_what_a_stranger_wrote_is_checked(tmp_path, key, value):
 
 def test_a_film_beside_the_records_may_be_named(tmp_path):
     path = tmp_path / "rollouts.jsonl"
-    filmed = replace(RECORD, film="films/prior-s0-epoch-000096-state-3000000.webm")
-    append_record(path, filmed)
-    assert read_records(path) == [filmed]
+    names = ("prior", "größe", "same-environment")
+    filmed = [
+        replace(RECORD, condition=name, film=f"films/{name}-s0-epoch-000096-state-3000000.webm")
+        for name in names
+    ]
+    for record in filmed:
+        append_record(path, record)
+    assert read_records(path) == filmed

@@ -177,6 +177,15 @@ def test_constants_stay_what_they_are_to_the_last_bit(fake_store, tmp_path):
     assert torch.equal(training.policy.constants, constants)
 
 
+def test_a_buffer_of_infinities_stays_one(fake_store, tmp_path):
+    """A causal mask is one."""
+    training = make_training(fake_store, tmp_path, batch_size=6, microbatches=3, epochs=1)
+    mask = torch.full((4, 4), -torch.inf).triu(1)
+    training.policy.register_buffer("mask", mask.clone())
+    fit(training)
+    assert torch.equal(training.policy.mask, mask)
+
+
 class FollowerElsewhere(Team):
     """A process of a team whose first one is at another step."""
 

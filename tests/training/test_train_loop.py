@@ -130,6 +130,36 @@ def test_a_lost_checkpoint_is_made_again(fake_store, tmp_path, suffix):
     assert written(tmp_path) == before
 
 
+def test_a_checkpoint_lost_before_the_state_of_a_killed_training_is_made_again(
+    fake_store, tmp_path, interrupt_at
+):
+    options = {"checkpoint_every": 2, "resume_seconds": 0.0}
+    fit(make_training(fake_store, tmp_path / "whole", **options))
+    interrupt_at(9)
+    with pytest.raises(KeyboardInterrupt):
+        fit(make_training(fake_store, tmp_path / "cut", **options))
+    lost = next(iter(sorted((tmp_path / "cut").glob("epoch-*.safetensors"))))
+    lost.unlink()
+    fit(make_training(fake_store, tmp_path / "cut", **options))
+    assert written(tmp_path / "cut") == written(tmp_path / "whole")
+
+
+def test_a_result_without_its_checkpoint_and_with_a_state_is_trained_again(
+    fake_store, tmp_path, interrupt_at
+):
+    fit(make_training(fake_store, tmp_path / "whole", checkpoint_every=3))
+    interrupt_at(9)
+    options = {"checkpoint_every": 3, "resume_seconds": 0.0}
+    with pytest.raises(KeyboardInterrupt):
+        fit(make_training(fake_store, tmp_path / "cut", **options))
+    state = (tmp_path / "cut" / RESUME_NAME).read_bytes()
+    fit(make_training(fake_store, tmp_path / "cut", **options))
+    (tmp_path / "cut" / RESUME_NAME).write_bytes(state)
+    (tmp_path / "cut" / "epoch-000003.safetensors").unlink()
+    fit(make_training(fake_store, tmp_path / "cut", **options))
+    assert written(tmp_path / "cut") == written(tmp_path / "whole")
+
+
 def test_a_state_left_beside_the_result_is_removed(fake_store, tmp_path):
     fit(make_training(fake_store, tmp_path))
     (tmp_path / RESUME_NAME).write_text("left by a kill")

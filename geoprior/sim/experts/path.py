@@ -80,8 +80,11 @@ def _shares(
 
 
 def commands_in(tenths: int, control_rate: int) -> int:
-    """How many commands are given in so many tenths of a second, at least one if there are any."""
-    return max(1, round(tenths * control_rate / TENTHS)) if tenths else 0
+    """How many commands are given in so many tenths of a second, and no fewer than one in each.
+
+    Fingers close by a part of their way with every command, so that at a low rate they need longer.
+    """
+    return max(tenths, round(tenths * control_rate / TENTHS))
 
 
 def eased(time: float) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 
 from geoprior.shards.episode import POSE_SIZE
 from geoprior.sim.experts.grasp import CLOSING_TENTHS
-from geoprior.sim.experts.path import Waypoint, follow, hand_down
+from geoprior.sim.experts.path import Waypoint, commands_in, follow, hand_down
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -21,7 +21,7 @@ NEAR = 0.008
 """Metres from its goal within which a hand is there."""
 
 PATIENCE = 12
-"""Commands that the hands wait for each other to be there, at most."""
+"""Tenths of a second that the hands wait for each other to be there, at most."""
 
 
 def pot_expert(
@@ -57,7 +57,7 @@ def pot_expert(
 def _settle(world: PotWorld, command: NDArray[np.float32]) -> Iterator[NDArray[np.float32]]:
     """Wait until no hand swings about its goal any more: after a long move some arms do, by centimetres."""
     goals = command.reshape(-1, POSE_SIZE)[:, :3]
-    for _ in range(PATIENCE):
+    for _ in range(commands_in(PATIENCE, world.control_freq)):
         places = [world.transform_hand_to_workspace(hand)[:3, 3] for hand in world.hands]
         if np.linalg.norm(places - goals, axis=1).max() < NEAR:
             return
