@@ -140,7 +140,7 @@ def assert_says_the_same(checkpoint, file, features):
         expected = predictor.predict(pose, frames)
         assert actions.dtype == np.float32
         np.testing.assert_allclose(actions, expected, atol=1e-5, rtol=0.0)
-        assert np.ptp(actions[..., :3]) > 0.1
+        assert np.ptp(actions[..., :3]) > 1e-2, "numbers all alike would agree by accident"
 
 
 @pytest.mark.slow
