@@ -138,6 +138,15 @@ def load_checkpoint(path: Path) -> tuple[CheckpointHeader, dict[str, Tensor]]:
     return header, load_tensors(path)
 
 
+def weights_digest(path: Path) -> str:
+    """The SHA-256 of the weights as their JSON has it, in hexadecimal; the weights are not read.
+
+    Raises:
+        DataError: The JSON is missing, damaged or foreign.
+    """
+    return str(_read_header(path)[1]["sha256"])
+
+
 def read_header(path: Path) -> CheckpointHeader:
     """Read a checkpoint's JSON only; see `load_checkpoint`."""
     return _read_header(path)[0]

@@ -41,6 +41,7 @@ class TrialRecord:
             whoever made it.
         film: Path of its film within the run folder, or empty.
         look: Registered name of the look that the cameras saw.
+        weights: The first digits of the SHA-256 of the policy's weights; empty where there are none.
     """
 
     robot: str
@@ -55,6 +56,7 @@ class TrialRecord:
     seconds: float
     film: FilmPath = ""
     look: str = "plain"
+    weights: Annotated[str, Field(pattern="^[0-9a-f]{0,64}$")] = ""
 
     @property
     def key(self) -> tuple[str, int, int, int]:

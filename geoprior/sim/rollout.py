@@ -16,7 +16,12 @@ import torch
 from geoprior.errors import ConfigError, DataError
 from geoprior.geometry.camera import CamerasConfig
 from geoprior.options import Choice
-from geoprior.policies.checkpoint import list_checkpoints, load_half_predictor, load_predictor
+from geoprior.policies.checkpoint import (
+    list_checkpoints,
+    load_half_predictor,
+    load_predictor,
+    weights_digest,
+)
 from geoprior.progress import track
 from geoprior.sim.config import SIMULATION_RATE, EvaluateConfig
 from geoprior.sim.records import TrialRecord, append_record, read_records, write_records
@@ -33,6 +38,8 @@ if TYPE_CHECKING:
 
 ROLLOUTS = "rollouts.jsonl"
 FILMS = "films"
+DIGITS = 16
+"""Of a digest of weights, in a record."""
 Loader = Callable[[Path], "Predictor"]
 LOADERS: dict[str, Loader] = {"fp32": load_predictor, "bf16": load_half_predictor}
 """By `EvaluateConfig.precision`."""
@@ -48,12 +55,14 @@ class CheckpointRef:
         training_seed: Of the fine-tuning.
         epoch: Of the checkpoint.
         path: Of its weights.
+        weights: The first digits of their SHA-256; empty where nobody knows.
     """
 
     condition: str
     training_seed: int
     epoch: int
     path: Path
+    weights: str = ""
 
 
 @dataclass(frozen=True)
@@ -81,10 +90,16 @@ def find_checkpoints(folder: Path) -> tuple[CheckpointRef, ...]:
     """The checkpoints of all trainings in a folder, whose sub-folders are named ``CONDITION-sSEED``.
 
     Raises:
-        DataError: There is none.
+        DataError: There is none, or one is damaged.
     """
     found = [
-        CheckpointRef(match["condition"], int(match["seed"]), checkpoint.epoch, checkpoint.path)
+        CheckpointRef(
+            match["condition"],
+            int(match["seed"]),
+            checkpoint.epoch,
+            checkpoint.path,
+            weights_digest(checkpoint.path)[:DIGITS],
+        )
         for training in sorted(folder.glob("*/"))
         if (match := _TRAINING.fullmatch(training.name))
         for checkpoint in list_checkpoints(training)
@@ -133,7 +148,7 @@ def evaluate(
     path, setup = out / ROLLOUTS, Setup(robot, task, cameras, config.look)
     planned = [(ref, state) for ref in sorted(checkpoints) for state in config.states]
     records = {record.key: record for record in read_records(path) if _has_film(record, out)}
-    _refuse_foreign(path, {_key(ref, state) for ref, state in planned}, setup, records.values())
+    _refuse_foreign(path, {_key(ref, state): ref for ref, state in planned}, setup, records.values())
     missing = [(ref, state) for ref, state in planned if _key(ref, state) not in records]
     films = _films(config, checkpoints, out)
     groups = [
@@ -205,6 +220,7 @@ def _record(group: TrialGroup, state: int, trial: Trial, rate: int) -> TrialReco
         seconds=outcome.steps / rate,
         film=f"{FILMS}/{group.films[state].name}" if state in group.films else "",
         look=group.setup.look.name,
+        weights=ref.weights,
     )
 
 
@@ -247,7 +263,7 @@ def _has_film(record: TrialRecord, out: Path) -> bool:
 
 def _refuse_foreign(
     path: Path,
-    planned: set[tuple[str, int, int, int]],
+    planned: Mapping[tuple[str, int, int, int], CheckpointRef],
     setup: Setup,
     records: Iterable[TrialRecord],
 ) -> None:
@@ -259,6 +275,13 @@ def _refuse_foreign(
                 f"{record.look}, {record.condition}, training seed {record.training_seed}, epoch "
                 f"{record.epoch}, initial state {record.state_seed}",
                 "delete the file, or choose another folder",
+            )
+        ref = planned[record.key]
+        if record.weights != ref.weights:
+            raise DataError(
+                f"{path}: holds trials of other weights ({record.weights or 'not said which'}) than those of "
+                f"{ref.path} ({ref.weights or 'not said which'})",
+                "delete the file to roll these weights out",
             )
 
 

@@ -2,19 +2,36 @@ from __future__ import annotations
 
 import shutil
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import torch
 from scripted_predictors import CAMERAS, ROBOT, TASK, load
 
 from geoprior.errors import DataError, MachineError
 from geoprior.executors.local import LocalConfig, LocalExecutor, SerialExecutor
+from geoprior.files import sha256_file
+from geoprior.options import Choice
+from geoprior.policies.checkpoint import CheckpointHeader, checkpoint_path, save_checkpoint
+from geoprior.policies.normalise import FeatureStatistics
+from geoprior.policies.policy import Features
 from geoprior.sim import rollout
 from geoprior.sim.config import EvaluateConfig
 from geoprior.sim.records import read_records
 from geoprior.sim.rollout import CheckpointRef, evaluate, find_checkpoints
 
 CONFIG = EvaluateConfig(trials=2, first_state=500, time_limit=0.4, films=1, film_size=64, batch=1)
+MOMENTS = FeatureStatistics((0.0,) * 8, (1.0,) * 8, 9)
+HEADER = CheckpointHeader(
+    policy=Choice(name="act"),
+    features=Features(("hand", "third"), (64, 64), ("hand",), 4),
+    fps=10.0,
+    statistics={"pose": MOMENTS, "action": MOMENTS},
+    epoch=64,
+    step=8,
+    details={},
+)
 
 
 def _refs(folder: Path, *stems: str) -> list[CheckpointRef]:
@@ -108,6 +125,19 @@ def test_records_of_another_evaluation_are_refused(env, tmp_path):
         _evaluate(tmp_path, refs, config=CONFIG.model_copy(update={"first_state": 501}))
 
 
+def test_records_of_other_weights_are_refused(env, tmp_path):
+    """A fine-tuning done again has the same names, and nobody may take its old rollouts for new ones."""
+    (ref,) = _refs(tmp_path, "still")
+    _evaluate(tmp_path, [replace(ref, weights="0123456789abcdef")])
+    assert {record.weights for record in read_records(tmp_path / "rollouts.jsonl")} == {"0123456789abcdef"}
+    _evaluate(tmp_path, [replace(ref, weights="0123456789abcdef")], StopsAfter(0))
+    with pytest.raises(
+        DataError, match=r"of other weights \(0123456789abcdef\) than those of .*still"
+    ) as caught:
+        _evaluate(tmp_path, [replace(ref, weights="f" * 16)])
+    assert "delete the file" in caught.value.hint
+
+
 def test_killed_worker_is_a_fault_of_the_machine_and_the_same_call_goes_on(env, tmp_path):
     """One worker is killed as the out-of-memory killer does it: an error, no hang, the same records after."""
     steady, doomed = _refs(tmp_path, "still", "dies-once")
@@ -138,11 +168,12 @@ def test_checkpoints_are_found_by_condition_and_seed(tmp_path):
     for name in ("scratch-s1", "prior-s0", "same-environment-s2", "notes"):
         folder = tmp_path / name
         folder.mkdir()
-        for ending in ("safetensors", "json"):
-            (folder / f"epoch-000064.{ending}").touch()
+        save_checkpoint(checkpoint_path(folder, 64), {"a": torch.ones(2)}, HEADER)
     (tmp_path / "prior-s0" / "epoch-000128.safetensors").touch()
     found = [(ref.condition, ref.training_seed, ref.epoch) for ref in find_checkpoints(tmp_path)]
     assert found == [("prior", 0, 64), ("same-environment", 2, 64), ("scratch", 1, 64)]
+    digest = sha256_file(checkpoint_path(tmp_path / "prior-s0", 64))
+    assert {ref.weights for ref in find_checkpoints(tmp_path)} == {digest[:16]}
     shutil.rmtree(tmp_path / "prior-s0")
     assert len(find_checkpoints(tmp_path)) == 2
 
