@@ -3,7 +3,7 @@
     python benchmarks/prior_over_seeds.py --out runs/seeds --json benchmarks/results/prior_over_seeds.json
 
 Runs ``geoprior run benchmarks/prior_over_seeds.yaml`` once for each root seed, which goes on where it was
-stopped (some 40 minutes on 2 cores in all), and tells what follows from all rollouts together. A root seed
+stopped (half an hour on 2 cores in all), and tells what follows from all rollouts together. A root seed
 decides the geometric episodes, the prior, the expert's variation in the demonstrations and both trainings;
 the initial states are the same for all. Time is not measured, so other work does no harm.
 """

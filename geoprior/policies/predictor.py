@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -74,16 +74,30 @@ class LoadedPredictor:
             )
         if pose.ndim != 2 or pose.shape[1] != self.features.pose_size or len(pose) == 0:
             raise DataError(f"pose: expected (B, {self.features.pose_size}), found {pose.shape}")
-        frames = [as_channels(images[name]) for name in self.features.cameras]
-        for name, frame in zip(self.features.cameras, frames, strict=True):
-            size = (len(pose), *self.features.image_size)
+        size = (len(pose), *self.features.image_size)
+        for name in self.features.cameras:
+            frame = as_channels(images[name])
             if frame.dtype != np.uint8 or frame.shape not in {(*size, 1), (*size, 3)}:
                 raise DataError(
                     f"camera {name!r}: expected uint8 {size}, alone or with three channels, "
                     f"found {frame.dtype} {images[name].shape}"
                 )
-        channels = max(frame.shape[-1] for frame in frames)
-        return np.stack([np.broadcast_to(f, (*f.shape[:-1], channels)) for f in frames], axis=1)
+        return stack_cameras(images, self.features.cameras)
+
+
+def stack_cameras(frames: Mapping[str, NDArray[np.uint8]], cameras: Sequence[str]) -> NDArray[np.uint8]:
+    """Frames of several cameras as one array: in training and in prediction the same.
+
+    Args:
+        frames: Per camera (B, H, W) binary or (B, H, W, 3) RGB.
+        cameras: Names, in the order of the batch.
+
+    Returns:
+        (B, cameras, H, W, C) uint8; C is 1 if all cameras are binary, else 3.
+    """
+    columns = [as_channels(frames[camera]) for camera in cameras]
+    channels = max(column.shape[-1] for column in columns)
+    return np.stack([np.broadcast_to(c, (*c.shape[:-1], channels)) for c in columns], axis=1)
 
 
 def as_channels(frames: NDArray[np.uint8]) -> NDArray[np.uint8]:

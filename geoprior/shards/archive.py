@@ -14,10 +14,8 @@ from typing import NamedTuple
 from geoprior.errors import DataError
 
 BLOCK = 512
-REMEDY = (
-    "look closer with `geoprior shards verify PATH`, or delete it and run the stage that made it again "
-    "(`geoprior generate`, `geoprior demos`)"
-)
+MAKE_AGAIN = "run the stage that made it again (`geoprior generate`, `geoprior demos`)"
+REMEDY = f"look closer with `geoprior shards verify PATH`, or delete it and {MAKE_AGAIN}"
 LONGEST_NAME = 100
 _OWNER = "geoprior"
 _MODE = 0o444

@@ -68,14 +68,14 @@ def decode_png(data: bytes, shape: tuple[int, ...]) -> NDArray[np.uint8]:
     Raises:
         ValueError: It is damaged (a checksum fails), of another size or kind, or not binary.
     """
-    if len(shape) == 2 and (body := _sole_pixels(data, _binary_head(*shape))) is not None:
-        own = _unpack_binary(body, (shape[0], shape[1]))
-        if own is not None:
-            return own
-    size, kind, pixels = _parse(data)
-    if size != shape[:2]:
-        raise ValueError(f"is {size[0]} x {size[1]} pixels, not {shape[0]} x {shape[1]}")
-    frame = _unpack_binary(pixels, size) if len(shape) == 2 and kind == _BINARY else None
+    height, width, *rgb = shape
+    pixels = None if rgb else _sole_pixels(data, _binary_head(height, width))
+    if pixels is None:
+        size, kind, found = _parse(data)
+        if size != (height, width):
+            raise ValueError(f"is {size[0]} x {size[1]} pixels, not {height} x {width}")
+        pixels = found if kind == _BINARY and not rgb else None
+    frame = None if pixels is None else _unpack_binary(pixels, (height, width))
     return _decode_any(data, shape) if frame is None else frame
 
 

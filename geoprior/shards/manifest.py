@@ -13,13 +13,13 @@ from pydantic import Field, ValidationError
 from geoprior.errors import DataError
 from geoprior.files import read_json, sha256_file, write_json
 from geoprior.options import Options
-from geoprior.shards.archive import REMEDY
+from geoprior.shards.archive import MAKE_AGAIN, REMEDY
 from geoprior.shards.index import digest_of, index_shard
 
 MANIFEST = "manifest.json"
 MANIFEST_VERSION: Literal[1] = 1
 FILE_NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]*\.tar$"
-_REMEDY = "delete the folder and run the stage that made it again (`geoprior generate`, `geoprior demos`)"
+_REMEDY = f"delete the folder and {MAKE_AGAIN}"
 
 
 class ShardRecord(Options):
@@ -154,6 +154,4 @@ def _missing_hint(folder: Path) -> str:
     below += sorted(str(path.parent) for path in folder.glob(f"*/*/{MANIFEST}"))
     if below:
         return f"data sets lie in {', '.join(below[:4])}"
-    return (
-        "without it the shards may be half a data set: run `geoprior generate` again, it goes on where it was"
-    )
+    return f"without it the shards may be half a data set: {MAKE_AGAIN}, it goes on where it was"

@@ -19,7 +19,7 @@ from geoprior.shards.episode import Episode, EpisodeHeader
 from geoprior.shards.manifest import Manifest, ShardRecord, record_of, write_manifest
 from geoprior.shards.writer import write_shard
 from geoprior.sim.config import DemosConfig
-from geoprior.sim.judge import GAVE_UP, UNSTABLE
+from geoprior.sim.judge import GAVE_UP, UNSTABLE, Judge
 from geoprior.sim.workers import Setup, environment
 
 if TYPE_CHECKING:
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 
     from geoprior.hooks.types import Executor
     from geoprior.sim.environment import Environment
-    from geoprior.sim.judge import Judge
 
 ATTEMPTS = "attempts.json"
 SCRATCH = "attempts"
@@ -174,7 +173,6 @@ def record_expert(env: Environment, task: AttemptTask) -> tuple[Episode | None, 
         The episode if it succeeded, the reason if it did not, and the number of commands.
     """
     from geoprior.sim.environment import UnstablePhysicsError
-    from geoprior.sim.judge import Judge
 
     env.reset(task.state_seed)
     judge = Judge(env)

@@ -17,7 +17,8 @@ from geoprior.geometry.seeding import generator
 from geoprior.lanes import stay_alone
 from geoprior.policies.normalise import FeatureStatistics, Normaliser, measure, normalise_images
 from geoprior.policies.policy import Batch, Features
-from geoprior.training.frames import add_noise, shift_frames, stack_cameras
+from geoprior.policies.predictor import stack_cameras
+from geoprior.training.frames import add_noise, shift_frames
 from geoprior.training.order import SampleOrder
 
 if TYPE_CHECKING:

@@ -1,8 +1,7 @@
-"""Frames on their way into a batch: stacked, moved and made noisy."""
+"""Frames on their way into a batch: moved and made noisy."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from statistics import NormalDist
 from typing import TYPE_CHECKING
 
@@ -10,27 +9,10 @@ import cv2
 import numpy as np
 import torch
 
-from geoprior.policies.predictor import as_channels
-
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _LEVELS = 256
-
-
-def stack_cameras(frames: Mapping[str, NDArray[np.uint8]], cameras: Sequence[str]) -> NDArray[np.uint8]:
-    """Frames of several cameras as one array.
-
-    Args:
-        frames: Per camera (B, H, W) binary or (B, H, W, 3) RGB.
-        cameras: Names, in the order of the batch.
-
-    Returns:
-        (B, cameras, H, W, C) uint8; C is 1 if all cameras are binary, else 3.
-    """
-    columns = [as_channels(frames[camera]) for camera in cameras]
-    channels = max(column.shape[-1] for column in columns)
-    return np.stack([np.broadcast_to(c, (*c.shape[:-1], channels)) for c in columns], axis=1)
 
 
 def shift_frames(frames: NDArray[np.uint8], largest: int, rng: np.random.Generator) -> NDArray[np.uint8]:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 import torch
 
+from geoprior.policies.predictor import stack_cameras
 from geoprior.training.data import chunk_steps, make_batch
-from geoprior.training.frames import stack_cameras
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -41,15 +41,6 @@ class Machine:
     threads: int
     bf16_speedup: float = 0.0
 
-    def required(self) -> Machine:
-        """This, where the process that asks has such a device.
-
-        Raises:
-            MachineError: It has none.
-        """
-        _require(self.device)
-        return self
-
 
 def decide_machine(config: TrainConfig, folder: Path, processes: int = 1) -> Machine:
     """What ``folder/machine.json`` says, or what the config says and a short trial finds; then it is written.
@@ -64,16 +55,18 @@ def decide_machine(config: TrainConfig, folder: Path, processes: int = 1) -> Mac
             known = Machine(**read_json(path))
         except TypeError as error:
             raise DataError(f"{path}: not what a training wrote ({error})", "delete the folder") from error
+        device = known.device if config.device == "auto" else config.device
+        require_device(device)
         return Machine(
-            known.device if config.device == "auto" else config.device,
+            device,
             known.precision if config.precision == "auto" else config.precision,
             config.threads or known.threads,
             known.bf16_speedup,
-        ).required()
+        )
     threads = config.threads or max(1, len(os.sched_getaffinity(0)) // processes)
     automatic = "cuda" if torch.cuda.is_available() else "cpu"
     device = automatic if config.device == "auto" else config.device
-    _require(device)
+    require_device(device)
     speedup = measure_bf16_speedup(device) if config.precision == "auto" else 0.0
     precision = ("bf16" if speedup > _WORTH else "fp32") if config.precision == "auto" else config.precision
     machine = Machine(device, precision, threads, round(speedup, 2))
@@ -93,18 +86,12 @@ def arithmetic(machine: Machine) -> Iterator[None]:
     on_gpu = machine.device == "cuda"
     devices = [torch.cuda.current_device()] if on_gpu else []
     try:
-        convolutions = _same_convolutions() if on_gpu else nullcontext()
+        same = {"benchmark": False, "deterministic": True, "allow_tf32": False}
+        convolutions = torch.backends.cudnn.flags(enabled=True, **same) if on_gpu else nullcontext()
         with torch.random.fork_rng(devices=devices), kept_memory(), convolutions:
             yield
     finally:
         torch.set_num_threads(before)
-
-
-@contextmanager
-def _same_convolutions() -> Iterator[None]:
-    cudnn = torch.backends.cudnn
-    with cudnn.flags(enabled=True, benchmark=False, deterministic=True, allow_tf32=False):
-        yield
 
 
 def measure_bf16_speedup(device: str, size: int = 768, trials: int = 5) -> float:
@@ -112,7 +99,12 @@ def measure_bf16_speedup(device: str, size: int = 768, trials: int = 5) -> float
     return _best_time(device, torch.float32, size, trials) / _best_time(device, torch.bfloat16, size, trials)
 
 
-def _require(device: str) -> None:
+def require_device(device: str) -> None:
+    """Refuse to compute on what this process does not have.
+
+    Raises:
+        MachineError: It is a GPU and torch finds none.
+    """
     if device == "cuda" and not torch.cuda.is_available():
         raise MachineError(
             "device: cuda is wanted, or this training began on one, and torch finds no GPU here",

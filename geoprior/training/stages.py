@@ -28,7 +28,7 @@ from geoprior.training.config import ConditionConfig, TrainConfig
 from geoprior.training.data import Batches, features_of, split_slots, statistics_of
 from geoprior.training.held_out import HeldOut
 from geoprior.training.loop import Training, fit
-from geoprior.training.machine import Machine, decide_machine
+from geoprior.training.machine import Machine, decide_machine, require_device
 from geoprior.training.team import team
 
 if TYPE_CHECKING:
@@ -179,7 +179,8 @@ def train(config: TrainConfig, job: Job, choice: Choice, source: Source, machine
 def _machine(config: TrainConfig, out: Path) -> Machine:
     """The same for all processes."""
     here = team()
-    machine = Machine(**here.agree(lambda: asdict(decide_machine(config, out, here.local_size)))).required()
+    machine = Machine(**here.agree(lambda: asdict(decide_machine(config, out, here.local_size))))
+    require_device(machine.device)
     here.take(machine.device)
     return machine
 

@@ -49,9 +49,14 @@ class Team:
         """Whether this process writes files and talks."""
         return self.rank == 0
 
+    @property
+    def has_gpus(self) -> bool:
+        """Whether each process of this machine has a GPU of its own."""
+        return torch.cuda.is_available() and torch.cuda.device_count() >= self.local_size
+
     def take(self, device: str) -> None:
         """Work on the GPU that is this process's own, if on one."""
-        if device == "cuda" and self.size > 1 and torch.cuda.device_count() >= self.local_size:
+        if device == "cuda" and self.size > 1 and self.has_gpus:
             torch.cuda.set_device(self.local_rank)
 
     def share_of(self, microbatches: int) -> range:
@@ -104,8 +109,7 @@ def team() -> Team:
     if size == 1:
         return Team()
     found = Team(_variable("RANK"), size, _variable("LOCAL_WORLD_SIZE", "1"), _variable("LOCAL_RANK", "0"))
-    on_gpus = torch.cuda.is_available() and torch.cuda.device_count() >= found.local_size
-    distributed.init_process_group("cpu:gloo,cuda:nccl" if on_gpus else "gloo", timeout=_PATIENCE)
+    distributed.init_process_group("cpu:gloo,cuda:nccl" if found.has_gpus else "gloo", timeout=_PATIENCE)
     end_with_parent(os.getppid())
     return found
 
