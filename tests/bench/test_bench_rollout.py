@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from concurrent.futures import ProcessPoolExecutor
 
+import numpy as np
 import pytest
 
 from geoprior.bench import rollout
@@ -12,14 +13,19 @@ from geoprior.bench.stepping import SIZE, Drive, Slice, measure_costs, step_ours
 def test_every_nth_step_is_looked_at(monkeypatch):
     from geoprior.sim.environment import Environment
 
-    looks, steps, step = [], [], Environment.step
+    looks, steps, step, reset = [], [], Environment.step, Environment.reset
+    episodes = []
     monkeypatch.setattr(Environment, "observe", lambda env: looks.append(env.cameras.height))
     monkeypatch.setattr(Environment, "step", lambda env, command: (steps.append(0), step(env, command)))
+    monkeypatch.setattr(
+        Environment, "reset", lambda env, state: (episodes.append(len(steps)), reset(env, state))
+    )
     slice_ = step_ours(Drive("fast", 8), seconds=0.2)
     assert slice_.steps == len(steps)
     assert slice_.seconds > 0.2
     assert set(looks) == {SIZE}
-    assert len(steps) / 8 <= len(looks) <= len(steps) / 8 + 1
+    lengths = np.diff([*episodes, len(steps)])
+    assert len(looks) == sum(-(-length // 8) for length in lengths), "each episode begins with a look"
 
 
 def test_the_parts_of_a_step_add_up_to_it():
