@@ -15,6 +15,8 @@ from geoprior.geometry.se3 import invert
 from geoprior.motions.trajectory import ways_of_objects
 from geoprior.render.clouds import Cloud, Shot
 from geoprior.render.packing import unpack_frames
+from geoprior.scene.hand import hand_cube
+from geoprior.scene.mesh import flat_hull, square
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -27,23 +29,30 @@ if TYPE_CHECKING:
 THIRD = "third"
 
 
-def shots(scene: Scene, trajectory: Trajectory) -> dict[str, Shot]:
-    """The shot of each camera, by name in alphabetical order."""
+def shots(scene: Scene, trajectory: Trajectory, seed: int = 0) -> dict[str, Shot]:
+    """The shot of each camera, by name in alphabetical order.
+
+    Args:
+        scene: What is there.
+        trajectory: How it moves.
+        seed: See `Shot`.
+    """
     world = np.eye(4)
     moved = ways_of_objects(scene, trajectory)
-    seen = [Cloud("floor", scene.floor.points, world)]
-    seen += [Cloud(name, each.points, moved[name]) for name, each in scene.objects.items()]
+    floor = square(scene.floor.side, scene.floor.height)
+    seen = [Cloud("floor", scene.floor.points, world, floor)]
+    seen += [Cloud(name, each.points, moved[name], each.mesh) for name, each in scene.objects.items()]
     if trajectory.marker_points is not None:
-        seen.append(Cloud("marker", trajectory.marker_points, world))
+        seen.append(Cloud("marker", trajectory.marker_points, world, flat_hull(trajectory.marker_points)))
     ways = trajectory.hands
     cubes = {
-        name: Cloud("hand", hand.points, ways[name].transforms_hand_to_world)
+        name: Cloud("hand", hand.points, ways[name].transforms_hand_to_world, hand_cube(hand.cube))
         for name, hand in scene.hands.items()
     }
-    made = {THIRD: Shot(scene.third_view, (*seen, *cubes.values()), trajectory.steps)}
+    made = {THIRD: Shot(scene.third_view, (*seen, *cubes.values()), trajectory.steps, seed)}
     for name, hand in scene.hands.items():
         others = (cube for other, cube in cubes.items() if other != name)
-        made[name] = Shot(_riding(hand, ways[name]), (*seen, *others), trajectory.steps)
+        made[name] = Shot(_riding(hand, ways[name]), (*seen, *others), trajectory.steps, seed)
     return {name: made[name] for name in sorted(made)}
 
 

@@ -26,7 +26,7 @@ import numpy as np
 from geoprior.geometry.interpolate import swing_frames
 from geoprior.geometry.projection import in_view
 from geoprior.geometry.se3 import TRANSFORM_CAMERA_TO_HAND_AXES, cross, make_transform
-from geoprior.scene.mesh import extents
+from geoprior.scene.mesh import Mesh, box, extents
 from geoprior.scene.ranges import uniform
 from geoprior.scene.rejection import draw_until
 
@@ -72,6 +72,11 @@ class Hand:
 def cube_surface(side: float, count: int) -> FloatArray:
     """Lattice points on a cube's surface, ``count`` along an edge, in the hand frame."""
     return np.asarray(side * _unit_cube(count))
+
+
+def hand_cube(side: float) -> Mesh:
+    """The cube's surface in the hand frame, metres."""
+    return box(np.array([-0.5, -0.5, -1.0]) * side, np.array([0.5, 0.5, 0.0]) * side)
 
 
 @lru_cache(maxsize=8)

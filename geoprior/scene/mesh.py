@@ -17,9 +17,18 @@ if TYPE_CHECKING:
     FloatArray = NDArray[np.float64]
 
 
+# Corner 4x + 2y + z of a box; each side as two triangles, counter-clockwise seen from outside.
+_BOX_FACES = np.array(
+    [
+        *([0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]),
+        *([2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]),
+    ]
+)
+
+
 @dataclass(frozen=True)
 class Mesh:
-    """A closed surface.
+    """A surface; that of a solid is closed.
 
     Attributes:
         vertices: (V, 3) float64, metres, object frame.
@@ -56,6 +65,32 @@ def convex_mesh(vertices: FloatArray) -> Mesh:
     faces[inward] = faces[inward][:, ::-1]
     used, renumbered = np.unique(faces, return_inverse=True)
     return Mesh(np.asarray(vertices, dtype=np.float64)[used], renumbered.reshape(faces.shape))
+
+
+def box(low: FloatArray, high: FloatArray) -> Mesh:
+    """The axis-aligned box between two corners (3,), as twelve triangles."""
+    corners = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), axis=-1).reshape(-1, 3)
+    return Mesh(low + corners * (high - low), _BOX_FACES)
+
+
+def square(side: float, height: float) -> Mesh:
+    """A horizontal square about the z axis, seen from above; metres. It is a sheet, not closed."""
+    half = 0.5 * side
+    corners = [[-half, -half, height], [half, -half, height], [half, half, height], [-half, half, height]]
+    return Mesh(np.array(corners), np.array([[0, 1, 2], [0, 2, 3]]))
+
+
+def flat_hull(points: FloatArray) -> Mesh:
+    """The convex hull, seen from above, of points (P, 3) of one height: a sheet, not closed.
+
+    Raises:
+        scipy.spatial.QhullError: The points lie on a line.
+    """
+    from scipy.spatial import ConvexHull
+
+    corners = points[ConvexHull(points[:, :2]).vertices]  # counter-clockwise in the plane
+    fan = np.arange(1, len(corners) - 1)
+    return Mesh(corners, np.column_stack([np.zeros_like(fan), fan, fan + 1]))
 
 
 def bounds(mesh: Mesh) -> tuple[FloatArray, FloatArray]:

@@ -13,7 +13,7 @@ from geoprior import __version__
 from geoprior.errors import ConfigError, PluginError
 from geoprior.files import sha256_json
 from geoprior.geometry.se3 import invert
-from geoprior.geometry.seeding import generator
+from geoprior.geometry.seeding import generator, integer_seed
 from geoprior.hooks.manager import plugins
 from geoprior.motions.trajectory import ways_of_objects
 from geoprior.render import rig
@@ -136,7 +136,8 @@ class Studio:
                 f"{list(plan.hands)}"
             )
         require_known_objects(motion, scene, trajectory)
-        shots = vary(rig.shots(scene, trajectory), self._variants)
+        looks = integer_seed(self.seed, "render", motion.name, index)
+        shots = vary(rig.shots(scene, trajectory, looks), self._variants)
         kinds = {name: choice for name, (choice, _) in drawn.items()}
         return Take(primitive, scene, trajectory, shots, kinds)
 
