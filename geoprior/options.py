@@ -10,11 +10,16 @@ from pydantic import (
     ConfigDict,
     Field,
     GetJsonSchemaHandler,
+    SerializationInfo,
+    SerializerFunctionWrapHandler,
     model_serializer,
     model_validator,
 )
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
+
+_RECIPE = {"purpose": "recipe"}
+"""The context of pydantic's serialisation that `recipe_tree` uses."""
 
 
 class Options(BaseModel):
@@ -24,6 +29,29 @@ class Options(BaseModel):
 
     speed_only: ClassVar[frozenset[str]] = frozenset()
     """Names of the fields that never change a result: what was made with others stays good."""
+
+    later: ClassVar[frozenset[str]] = frozenset()
+    """Names of the fields that came after data had been made without them. At its default such a field does
+    not enter a recipe, so that what was made before keeps its fingerprint."""
+
+    @model_serializer(mode="wrap")
+    def _drop_later_defaults(
+        self, dump: SerializerFunctionWrapHandler, info: SerializationInfo
+    ) -> dict[str, Any]:
+        tree: dict[str, Any] = dump(self)
+        if info.context is not _RECIPE:
+            return tree
+        at_default = {
+            name
+            for name in self.later
+            if getattr(self, name) == type(self).model_fields[name].get_default(call_default_factory=True)
+        }
+        return {name: value for name, value in tree.items() if name not in at_default}
+
+
+def recipe_tree(options: BaseModel, exclude: frozenset[str] = frozenset()) -> dict[str, Any]:
+    """All fields but ``exclude`` as JSON, at any depth without those of `Options.later` at their default."""
+    return options.model_dump(mode="json", exclude=set(exclude), context=_RECIPE)
 
 
 def deciding(options: BaseModel) -> dict[str, Any]:

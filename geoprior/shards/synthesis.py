@@ -16,6 +16,7 @@ from geoprior.geometry.se3 import invert
 from geoprior.geometry.seeding import generator, integer_seed
 from geoprior.hooks.manager import plugins
 from geoprior.motions.trajectory import ways_of_objects
+from geoprior.options import recipe_tree
 from geoprior.render import rig
 from geoprior.render.variation import vary
 from geoprior.scene.mesh import extents
@@ -259,8 +260,9 @@ def recipe(config: GenerateConfig, cameras: CamerasConfig, seed: int, motion: Ch
 
     How many episodes there are, of which other motions, and how they are packed does not enter.
     """
-    made_from = config.model_dump(mode="json", exclude={"episodes", "episodes_per_shard", "motions"})
-    made_from |= {"motion": motion.model_dump(mode="json"), "cameras": cameras.model_dump(mode="json")}
+    made_from = recipe_tree(config, frozenset({"episodes", "episodes_per_shard", "motions"}))
+    options = recipe_tree(plugins().options("motion", motion))
+    made_from |= {"motion": {"name": motion.name, **options}, "cameras": recipe_tree(cameras)}
     return sha256_json(made_from | {"seed": seed, "revision": REVISION})
 
 
