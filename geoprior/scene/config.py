@@ -21,7 +21,6 @@ from geoprior.scene.ranges import (
     OffsetRange,
 )
 
-
 _SHORTEST_FINGER = 0.01
 """Metres from the hand's cube to its origin."""
 
