@@ -56,14 +56,14 @@ def test_it_holds_over_thousands_of_seeds(motion):
 
 
 def explained(features, values):
-    """R2 of values (E, K) explained by features (E, F) and a constant, by least squares: the worst of the K."""
+    """R2 of values (E, K) from features (E, F) and a constant, by least squares: the highest of the K."""
     design = np.column_stack([np.ones(len(features)), features])
     rest = values - design @ np.linalg.lstsq(design, values, rcond=None)[0]
     return float((1.0 - rest.var(axis=0) / values.var(axis=0)).max())
 
 
 def start_and_object(take):
-    """What the start pose tells, the place on the floor that it points to included; and where the object is."""
+    """What the start pose tells, with the place on the floor that it points to; and where the object is."""
     pose, floor = take.trajectory.hand.transforms_hand_to_world[0], take.scene.floor.height
     position, forward = pose[:3, 3], pose[:3, 2]
     meets = position + (floor - position[2]) / forward[2] * forward
@@ -94,7 +94,7 @@ def speeds(take, steps=None):
 
 @pytest.mark.parametrize("motion", MOTIONS)
 def test_the_hand_moves_as_fast_as_in_demonstrations(motion):
-    """Those of the built-in tasks have 8 to 10 mm a step of a tenth of a second, 9 to 13 in the first 2.5 s."""
+    """Scripted ones have 8 to 10 mm a step of a tenth of a second, and 9 to 13 in their first 2.5 s."""
     assert 6.0 < np.mean([speeds(take).mean() for take in takes(motion)]) < 12.0
     assert 8.0 < np.mean([speeds(take, 26).mean() for take in takes(motion)]) < 13.0
 

@@ -1,16 +1,16 @@
 """What the packaged config `sighted` promises of every episode, one function a sentence.
 
-Hand, fingers and arm are taken from what the third-person camera is given to draw, and not from what the motions
-believe of them.
+Hand, fingers and arm are taken from what the third-person camera is given to draw, and not from what the
+motions believe of them.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from laws import always, marker
 
 from geoprior.geometry.se3 import apply, invert
 from geoprior.scene.mesh import bounds
+from laws import always, marker
 
 GRAZE = 1e-6
 """Metres: two surfaces that touch may overlap by so much through rounding."""
@@ -44,6 +44,36 @@ def nothing_of_the_hand_goes_below_the_floor(take):
     for low, high, poses in boxes(take):
         corners = np.stack(np.meshgrid(*zip(low, high, strict=True)), axis=-1).reshape(-1, 3)
         assert apply(poses, corners[None])[..., 2].min() > take.scene.floor.height
+
+
+def nothing_of_the_arm_goes_below_the_floor_or_into_the_object(take):
+    points = surface(take)
+    arm = [cloud for cloud in take.shots["third"].clouds if cloud.body == "arm"]
+    assert len(arm) == 4
+    for cloud in arm:
+        poses = np.broadcast_to(cloud.transforms_cloud_to_world, (take.trajectory.steps, 4, 4))
+        low, high = bounds(cloud.surface)
+        assert apply(poses, corners(low, high)[None])[..., 2].min() > take.scene.floor.height - GRAZE
+        assert depth_in_box(points, low, high, poses) < GRAZE
+
+
+def distractors_lie_apart_from_all_that_happens(take):
+    solids = [cloud for cloud in take.shots["third"].clouds if cloud.body == "distractor"]
+    assert len(solids) <= 2
+    object_points = surface(take).reshape(-1, 3)[::7, :2]
+    for solid in solids:
+        points = apply(solid.transforms_cloud_to_world, solid.surface.vertices)
+        assert abs(points[:, 2].min() - take.scene.floor.height) < 1e-9
+        middle = solid.transforms_cloud_to_world[:2, 3]
+        assert 0.26 - 1e-9 <= np.linalg.norm(middle) <= 0.45 + 1e-9
+        radius = np.linalg.norm(points[:, :2] - middle, axis=1).max()
+        assert np.linalg.norm(object_points - middle, axis=1).min() > radius + 0.03 - 1e-9
+        if take.trajectory.marker_points is not None:
+            away = np.linalg.norm(take.trajectory.marker_points[:, :2] - middle, axis=1)
+            assert away.min() > radius + 0.03 - 1e-9
+        for low, high, poses in boxes(take):
+            steps = np.broadcast_to(points[None], (take.trajectory.steps, *points.shape))
+            assert depth_in_box(steps, low, high, poses) < GRAZE
 
 
 def no_point_of_the_object_is_inside_the_hand(take):
@@ -170,6 +200,8 @@ ALL = (
     the_hand_has_a_cube_and_two_fingers,
     nothing_of_the_hand_goes_below_the_floor,
     no_point_of_the_object_is_inside_the_hand,
+    nothing_of_the_arm_goes_below_the_floor_or_into_the_object,
+    distractors_lie_apart_from_all_that_happens,
     both_first_frames_have_the_object,
     the_object_never_jumps_or_turns_but_with_the_hand,
     the_quaternions_are_continuous,
