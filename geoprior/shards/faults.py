@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geoprior.errors import DataError
+from geoprior.render.frames import FrameFormat
 from geoprior.shards.archive import Member
 from geoprior.shards.codec import decode_header, decode_npy, decode_png
 from geoprior.shards.episode import EpisodeHeader, validate_poses
@@ -17,7 +18,7 @@ from geoprior.shards.index import (
     HEADER,
     POSE,
     SampleMembers,
-    frame_shapes,
+    frame_formats,
     frame_suffixes,
     member_faults,
 )
@@ -48,8 +49,8 @@ def sample_faults(sample: SampleMembers, read: Read) -> Iterator[str]:
     yield from member_faults(sample, header)
     for suffix in (POSE, ACTION):
         yield from _pose_faults(sample, header, suffix, read)
-    for name, shape in frame_shapes(header).items():
-        yield from _frame_faults(sample, name, header.steps, shape, read)
+    for name, frame in frame_formats(header).items():
+        yield from _frame_faults(sample, name, header.steps, frame, read)
 
 
 def _pose_faults(sample: SampleMembers, header: EpisodeHeader, suffix: str, read: Read) -> Iterator[str]:
@@ -66,10 +67,10 @@ def _pose_faults(sample: SampleMembers, header: EpisodeHeader, suffix: str, read
 
 
 def _frame_faults(
-    sample: SampleMembers, camera: str, steps: int, shape: tuple[int, ...], read: Read
+    sample: SampleMembers, camera: str, steps: int, frame: FrameFormat, read: Read
 ) -> Iterator[str]:
     def decode(data: bytes) -> NDArray[np.uint8]:
-        return decode_png(data, shape)
+        return decode_png(data, frame)
 
     for suffix in frame_suffixes(camera, min(steps, len(sample.members))):
         member = sample.members.get(suffix)

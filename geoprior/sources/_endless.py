@@ -8,7 +8,7 @@ import numpy as np
 
 from geoprior.files import sha256_json
 from geoprior.progress import track
-from geoprior.render.packing import unpack_frames
+from geoprior.render.frames import unpacked
 from geoprior.shards.synthesis import hands_of, recipe
 from geoprior.sources._stager import Stager, StagerConfig
 from geoprior.sources._turnover import Turnover
@@ -31,7 +31,7 @@ class EndlessSource:
     """See `geoprior.sources.source.Source`: most epochs bring episodes that no epoch before had.
 
     Each worker serves slots of its own, so that an episode is staged once, whatever their number. Only the
-    moments wanted come back, frames packed: a KiB each at 64 x 64.
+    moments wanted come back, binary frames packed: half a KiB each at 64 x 64.
 
     Args:
         config: Of the source.
@@ -53,6 +53,7 @@ class EndlessSource:
         try:
             self.poses, self.actions = self._first_epoch()
             self.cameras = self._workers[0].ask(Stager.cameras)()
+            self._frames = self._workers[0].ask(Stager.frames)()
         except BaseException:
             self.close()
             raise
@@ -77,7 +78,9 @@ class EndlessSource:
             pose=np.concatenate([part.pose for part in parts])[order],
             action=np.concatenate([part.action for part in parts])[order],
             frames={
-                camera: unpack_frames(np.concatenate([part.frames[camera] for part in parts])[order], width)
+                camera: unpacked(
+                    self._frames, np.concatenate([part.frames[camera] for part in parts])[order], width
+                )
                 for camera in self.cameras
             },
         )

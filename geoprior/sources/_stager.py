@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from geoprior.geometry.camera import CamerasConfig
     from geoprior.render.clouds import Shot
+    from geoprior.render.frames import FrameKind
     from geoprior.shards.config import GenerateConfig
 
 
@@ -68,6 +69,10 @@ class Stager:
         """Names of the cameras of every episode."""
         return tuple(self._staged(0, 0).shots)
 
+    def frames(self) -> FrameKind:
+        """What the frames of `moments` are."""
+        return self._studio.frames
+
     def trajectories(
         self, slots: Sequence[int], episodes: Sequence[int]
     ) -> list[tuple[NDArray[np.float32], NDArray[np.float32]]]:
@@ -88,10 +93,10 @@ class Stager:
             steps: (B, C); see `geoprior.sources.source.Source.read`.
 
         Returns:
-            Its frames are packed: (B, H, ceil(W / 8)).
+            Its frames are as the renderer draws them: binary ones are packed.
 
         Raises:
-            GeopriorError: An episode cannot be staged.
+            GeopriorError: An episode cannot be staged or drawn.
         """
         staged = [self._staged(slot, episode) for slot, episode in zip(slots, episodes, strict=True)]
         times = steps[:, 0].tolist()
@@ -107,8 +112,7 @@ class Stager:
         )
 
     def _draw(self, shot: Shot, time: int) -> NDArray[np.uint8]:
-        moment = shot.at(slice(time, time + 1))
-        return self._studio.renderer.render(moment.clouds, moment.view, moment.steps)
+        return self._studio.draw(shot.at(slice(time, time + 1)))
 
     def _staged(self, slot: int, episode: int) -> _Staged:
         kept = self._kept.get(slot)
