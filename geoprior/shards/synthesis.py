@@ -22,6 +22,7 @@ from geoprior.render import frames, rig
 from geoprior.render.variation import vary
 from geoprior.scene.mesh import extents
 from geoprior.scene.objects import OBJECT
+from geoprior.scene.ranges import uniform
 from geoprior.scene.scene import draw_scene
 from geoprior.shards.episode import WORLD, CameraHeader, Episode, EpisodeHeader, can_be_told_apart
 from geoprior.shards.others import others_of, require_known_objects
@@ -95,14 +96,18 @@ class Studio:
         config: The data set's config.
         cameras: Lenses and size of the frames.
         seed: Root seed.
+        episodes: Of each motion in an epoch; see `steps_of`. None takes the config's.
 
     Raises:
         ConfigError: A name or an option is unknown, or the config's motions do not move the same hands.
         PluginError: See `hands_of`.
     """
 
-    def __init__(self, config: GenerateConfig, cameras: CamerasConfig, seed: int) -> None:
+    def __init__(
+        self, config: GenerateConfig, cameras: CamerasConfig, seed: int, episodes: int | None = None
+    ) -> None:
         self.config, self.cameras, self.seed = config, cameras, seed
+        self._episodes = episodes
         build = plugins().build
         self.renderer: Renderer = build("renderer", config.renderer)
         self.frames: FrameKind = frames.frame_kind(self.renderer, config.renderer.name)
@@ -112,6 +117,10 @@ class Studio:
         self._variants: list[Variant] = [build("variant", choice) for choice in config.variants]
         self._plans: dict[str, _Plan] = {}
         _require_same_hands(config.motions)
+
+    def steps(self, motion: Choice, index: int) -> int:
+        """N, the time steps of an episode; see `stage` and `steps_of`."""
+        return steps_of(self.config, self.seed, motion, index, self._episodes)
 
     def stage(self, motion: Choice, index: int) -> Take:
         """Draw the scene and plan the motion of one episode, without rendering it.
@@ -133,7 +142,7 @@ class Studio:
         }
         beside = {name: (where, drawn[name][1]) for name, where in plan.others.items()}
         scene = draw_scene(self.config.scene, self.cameras, mesh, rng, plan.hands, beside)
-        trajectory = plan.motion.plan(scene, self.config.steps, rng)
+        trajectory = plan.motion.plan(scene, self.steps(motion, index), rng)
         if tuple(trajectory.hands) != plan.hands:
             raise PluginError(
                 f"motion {motion.name!r}: planned ways for {list(trajectory.hands)}, its spec names "
@@ -261,6 +270,25 @@ def _require_same_hands(motions: Sequence[Choice]) -> None:
                 f"{list(hands_of(motion))}",
                 "name motions that move the same hands; a policy learns one kind of pose vector",
             )
+
+
+def steps_of(
+    config: GenerateConfig, seed: int, motion: Choice, index: int, episodes: int | None = None
+) -> int:
+    """N, the time steps of one episode.
+
+    Args:
+        config: The data set's config.
+        seed: Root seed.
+        motion: The episode's motion.
+        index: Its number within the motion.
+        episodes: Of each motion in an epoch: an episode is as long as the one that has its place in the first
+            epoch. None takes the config's.
+    """
+    if not isinstance(config.seconds, tuple):
+        return config.steps
+    rng = generator(seed, "duration", motion.name, index % (episodes or config.episodes))
+    return round(config.fps * uniform(rng, config.seconds))
 
 
 def next_poses(pose: NDArray[np.float32]) -> NDArray[np.float32]:

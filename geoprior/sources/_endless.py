@@ -44,12 +44,13 @@ class EndlessSource:
     def __init__(self, config: EndlessConfig, context: SourceContext) -> None:
         generate = context.generate
         self._motions = len(generate.motions)
-        self._turnover = Turnover((config.episodes or generate.episodes) * self._motions, config.keep)
+        episodes = config.episodes or generate.episodes
+        self._turnover = Turnover(episodes * self._motions, config.keep)
         self.hands = hands_of(generate.motions[0])
         self.image_size = context.cameras.height, context.cameras.width
         self.fps = generate.fps
         self.digest = _digest(context, self._turnover)
-        self._workers = _start(config.workers, context)
+        self._workers = _start(config.workers, context, episodes)
         try:
             self.poses, self.actions = self._first_epoch()
             self.cameras = self._workers[0].ask(Stager.cameras)()
@@ -123,9 +124,9 @@ class EndlessSource:
                 yield worker, mine[first : first + _PORTION]
 
 
-def _start(count: int, context: SourceContext) -> list[Worker]:
+def _start(count: int, context: SourceContext, episodes: int) -> list[Worker]:
     share = context.cache_bytes // max(1, count)
-    config = StagerConfig(context.generate, context.cameras, context.seed, share)
+    config = StagerConfig(context.generate, context.cameras, context.seed, share, episodes)
     return [WorkerProcess(config) for _ in range(count)] if count else [WorkerHere(config)]
 
 

@@ -31,12 +31,15 @@ class StagerConfig:
         cameras: Lenses and size of the frames.
         seed: Root seed.
         cache_bytes: Memory for staged episodes.
+        episodes: Of each motion in an epoch, so that a slot's episodes are of one length; None takes the
+            config's.
     """
 
     generate: GenerateConfig
     cameras: CamerasConfig
     seed: int
     cache_bytes: int
+    episodes: int | None = None
 
 
 @dataclass(frozen=True)
@@ -60,7 +63,7 @@ class Stager:
     """
 
     def __init__(self, config: StagerConfig) -> None:
-        self._studio = Studio(config.generate, config.cameras, config.seed)
+        self._studio = Studio(config.generate, config.cameras, config.seed, config.episodes)
         self._generate = config.generate
         self._room = config.cache_bytes
         self._kept: dict[int, _Staged] = {}
@@ -131,10 +134,10 @@ class Stager:
         motion = self._generate.motions[turn]
         take = self._studio.stage(motion, index)
         pose = take.trajectory.pose()
-        if len(pose) != self._generate.steps:
+        steps = self._studio.steps(motion, index)
+        if len(pose) != steps:
             raise PluginError(
-                f"motion {motion.name!r}: planned {len(pose)} time steps where {self._generate.steps} were "
-                "asked for",
+                f"motion {motion.name!r}: planned {len(pose)} time steps where {steps} were asked for",
                 "mend the plug-in, or train on the source `shards`",
             )
         action = next_poses(pose)
