@@ -172,7 +172,7 @@ def train(config: TrainConfig, job: Job, choice: Choice, source: Source, machine
         header=CheckpointHeader(choice, features, fps, statistics, 0, 0, details),
         fingerprint=sha256_json({"policy": choice.model_dump(mode="json"), "fps": fps, **details}),
         team=team(),
-        held_out=HeldOut(source, aside, features, normaliser, config, batches.read) if aside else None,
+        judges=[HeldOut(source, aside, features, normaliser, config, batches.read)] if aside else [],
     )
     return fit(training)
 
