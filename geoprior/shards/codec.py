@@ -120,6 +120,8 @@ def encode_header(header: EpisodeHeader) -> bytes:
     """
     # Not mode="json": pydantic would write NaN as null without a word.
     content = header.model_dump()
+    if not header.targets:  # a field that came later: the headers of before keep their bytes
+        del content["targets"]
     try:
         text = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False, ensure_ascii=False)
     except TypeError as error:

@@ -10,7 +10,7 @@ import numpy as np
 
 from geoprior.errors import DataError
 from geoprior.shards.binary_png import pack_white
-from geoprior.shards.episode import Episode, EpisodeHeader, validate_poses
+from geoprior.shards.episode import Episode, EpisodeHeader, validate_poses, validate_targets
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -29,12 +29,14 @@ class Sample:
         action: (N, 8 x hands) float32; see `Episode`.
         frames: Per camera a function that yields its frames in order, some at a time: (n, H, ceil(W / 8))
             uint8 of a binary camera, as `numpy.packbits` gives them, or (n, H, W, 3) uint8 RGB.
+        targets: (N, T) float32 or None; see `Episode`.
     """
 
     header: EpisodeHeader
     pose: NDArray[np.float32]
     action: NDArray[np.float32]
     frames: Mapping[str, Blocks]
+    targets: NDArray[np.float32] | None = None
 
 
 def sample_of(episode: Episode) -> Sample:
@@ -50,7 +52,7 @@ def sample_of(episode: Episode) -> Sample:
         camera.name: _blocks_of(f"{key}.{camera.name}", episode.images[camera.name], camera.channels)
         for camera in episode.header.cameras
     }
-    return Sample(episode.header, episode.pose, episode.action, frames)
+    return Sample(episode.header, episode.pose, episode.action, frames, episode.targets)
 
 
 def check_sample(sample: Sample) -> None:
@@ -62,6 +64,7 @@ def check_sample(sample: Sample) -> None:
     header = sample.header
     validate_poses(header, "pose", sample.pose)
     validate_poses(header, "action", sample.action)
+    validate_targets(header, sample.targets)
     names = [camera.name for camera in header.cameras]
     if names != sorted(set(names)) or set(names) != set(sample.frames):
         raise DataError(f"{header.key}: cameras {names} do not match frames of {sorted(sample.frames)}")

@@ -20,6 +20,7 @@ from geoprior.shards.index import (
     ACTION,
     HEADER,
     POSE,
+    TARGETS,
     SampleMembers,
     frame_shapes,
     frame_suffixes,
@@ -78,7 +79,8 @@ def _decoded(where: str, header: EpisodeHeader, contents: Mapping[str, bytes]) -
             name: np.stack([_frame(contents, suffix, shape) for suffix in frame_suffixes(name, header.steps)])
             for name, shape in frame_shapes(header).items()
         }
-        return Episode(header, decode_npy(contents[POSE]), decode_npy(contents[ACTION]), images)
+        targets = decode_npy(contents[TARGETS]) if header.targets else None
+        return Episode(header, decode_npy(contents[POSE]), decode_npy(contents[ACTION]), images, targets)
     except ValueError as error:
         raise DataError(f"{where}: {error}", REMEDY) from error
 

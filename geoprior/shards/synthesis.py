@@ -25,6 +25,7 @@ from geoprior.scene.scene import draw_scene
 from geoprior.shards.episode import WORLD, CameraHeader, Episode, EpisodeHeader, can_be_told_apart
 from geoprior.shards.others import others_of, require_known_objects
 from geoprior.shards.sample import Sample, block_slices
+from geoprior.shards.targets import compute_targets, target_names
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -147,14 +148,18 @@ class Studio:
         take = self.stage(motion, index)
         header, pose = self._header_and_pose(take, motion, index)
         frames = {name: partial(self._blocks, shot) for name, shot in take.shots.items()}
-        return Sample(header, pose, next_poses(pose), frames)
+        return Sample(header, pose, next_poses(pose), frames, self.targets(take))
 
     def episode(self, motion: Choice, index: int) -> Episode:
         """Make one episode in memory; see `stage`."""
         take = self.stage(motion, index)
         header, pose = self._header_and_pose(take, motion, index)
         images = {name: rig.render(self.renderer, shot) for name, shot in take.shots.items()}
-        return Episode(header, pose, next_poses(pose), images)
+        return Episode(header, pose, next_poses(pose), images, self.targets(take))
+
+    def targets(self, take: Take) -> NDArray[np.float32] | None:
+        """(N, T) targets of an episode, or None where the config wants none; see `compute_targets`."""
+        return compute_targets(take.trajectory, take.shots) if self.config.targets else None
 
     def recipe(self, motion: Choice) -> str:
         """See `recipe`."""
@@ -203,6 +208,9 @@ class Studio:
             steps=len(pose),
             hands=list(take.trajectory.hands),
             cameras=_camera_headers(take),
+            targets=list(
+                target_names(tuple(take.trajectory.hands), tuple(take.shots)) if config.targets else ()
+            ),
             generator=f"geoprior {__version__}",
             details=_details(take) | _named_variants(config) | {"recipe": self.recipe(motion)},
         )

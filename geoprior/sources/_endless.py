@@ -10,6 +10,7 @@ from geoprior.files import sha256_json
 from geoprior.progress import track
 from geoprior.render.packing import unpack_frames
 from geoprior.shards.synthesis import hands_of, recipe
+from geoprior.shards.targets import target_names
 from geoprior.sources._stager import Stager, StagerConfig
 from geoprior.sources._turnover import Turnover
 from geoprior.sources._workers import Worker, WorkerHere, WorkerProcess
@@ -53,6 +54,7 @@ class EndlessSource:
         try:
             self.poses, self.actions = self._first_epoch()
             self.cameras = self._workers[0].ask(Stager.cameras)()
+            self.targets = target_names(self.hands, self.cameras) if generate.targets else ()
         except BaseException:
             self.close()
             raise
@@ -80,6 +82,7 @@ class EndlessSource:
                 camera: unpack_frames(np.concatenate([part.frames[camera] for part in parts])[order], width)
                 for camera in self.cameras
             },
+            targets=_joined([part.targets for part in parts if part.targets is not None], order),
         )
 
     def close(self) -> None:
@@ -118,6 +121,10 @@ class EndlessSource:
             mine = [slot for slot in range(len(self)) if self._worker_of(slot) == worker]
             for first in range(0, len(mine), _PORTION):
                 yield worker, mine[first : first + _PORTION]
+
+
+def _joined(parts: Sequence[NDArray[np.float32]], order: NDArray[np.int64]) -> NDArray[np.float32] | None:
+    return np.concatenate(parts)[order] if parts else None
 
 
 def _start(count: int, context: SourceContext) -> list[Worker]:

@@ -332,6 +332,7 @@ def test_info_counts_what_is_there(tmp_path, make_episode):
         "cameras": {"hand": [10, 12, 1], "third": [10, 12, 3]},
         "motions": {"pick": 1, "push": 2},
         "sources": {"synthetic": 3},
+        "targets": [],
         "generators": {"test": 3},
         "digest": EpisodeStore(tmp_path).digest,
     }
