@@ -132,6 +132,8 @@ def encode_header(header: EpisodeHeader) -> bytes:
     for camera in content["cameras"]:
         if camera["bits"] is None:  # a field that came later: the headers of before keep their bytes
             del camera["bits"]
+    if not header.targets:  # a field that came later: the headers of before keep their bytes
+        del content["targets"]
     try:
         text = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False, ensure_ascii=False)
     except TypeError as error:

@@ -76,6 +76,10 @@ class EpisodeHeader(Options):
     steps: int = Field(ge=1, description="N, the number of time steps.")
     hands: list[str] = Field(min_length=1, description="Names of the hands, in pose order.")
     cameras: list[CameraHeader] = Field(min_length=1, description="In alphabetical order of name.")
+    targets: list[str] = Field(
+        default_factory=list,
+        description="Names of the numbers in `targets.npy`; without them it is not there.",
+    )
     generator: str = Field(description="Program and version that made the episode.")
     details: dict[str, Any] = Field(
         default_factory=dict, description="Primitive, its parameters, robot, and the like."
@@ -96,12 +100,14 @@ class Episode:
             data it is the pose at step t + 1 (the last one repeats).
         images: Per camera (N, H, W) uint8, of a binary camera with 0 and 255 only, or (N, H, W, 3) uint8
             RGB; top row first.
+        targets: (N, T) float32, named by the header's `targets`, NaN where there is none; None without names.
     """
 
     header: EpisodeHeader
     pose: NDArray[np.float32]
     action: NDArray[np.float32]
     images: Mapping[str, NDArray[np.uint8]]
+    targets: NDArray[np.float32] | None = None
 
     def validate(self) -> None:
         """Check the arrays against the header.
@@ -111,6 +117,7 @@ class Episode:
         """
         validate_poses(self.header, "pose", self.pose)
         validate_poses(self.header, "action", self.action)
+        validate_targets(self.header, self.targets)
         names = [camera.name for camera in self.header.cameras]
         if names != sorted(set(names)) or set(names) != set(self.images):
             raise DataError(f"{self.header.key}: cameras {names} do not match images {sorted(self.images)}")
@@ -145,6 +152,22 @@ def validate_poses(header: EpisodeHeader, field: str, poses: NDArray[np.float32]
     _require((dots >= 0.0).all(axis=1), where, "a quaternion changes sign to the next step")
     gripper = by_hand[..., 7]
     _require(((gripper == 0.0) | (gripper == 1.0)).all(axis=1), where, "a gripper is not 0 or 1")
+
+
+def validate_targets(header: EpisodeHeader, targets: NDArray[np.float32] | None) -> None:
+    """Check that there are as many targets as names, each a number or NaN.
+
+    Raises:
+        DataError: Naming the sample and the first step at fault.
+    """
+    where = f"{header.key}.targets"
+    if targets is None and not header.targets:
+        return
+    expected = (header.steps, len(header.targets))
+    if targets is None or targets.shape != expected or targets.dtype != np.float32:
+        found = "none" if targets is None else f"{targets.dtype} {targets.shape}"
+        raise DataError(f"{where}: expected float32 {expected}, found {found}")
+    _require(~np.isinf(targets).any(axis=1), where, "a value is infinite")
 
 
 def _validate_images(header: EpisodeHeader, camera: CameraHeader, images: NDArray[np.uint8]) -> None:

@@ -18,6 +18,7 @@ from geoprior.shards.index import (
     ACTION,
     HEADER,
     POSE,
+    TARGETS,
     SampleMembers,
     frame_formats,
     frame_suffixes,
@@ -35,13 +36,14 @@ Decoded = TypeVar("Decoded")
 
 @dataclass(frozen=True)
 class _Entry:
-    """Where one episode lies: number of its shard, three members, and per camera (N, 2) offset and size."""
+    """Where one episode lies: number of its shard, its arrays, and per camera (N, 2) offset and size."""
 
     shard: int
     key: str
     header: Member
     pose: Member
     action: Member
+    targets: Member | None
     frames: dict[str, NDArray[np.int64]]
 
 
@@ -62,6 +64,7 @@ class EpisodeStore:
         frame_formats: Kind and size of each camera's frames.
         hands: Names of the hands, in pose order.
         fps: Time steps a second.
+        target_names: What the numbers of `targets` are; none where the episodes have none.
 
     Raises:
         DataError: The manifest or a shard is missing, cut off or damaged, or two episodes disagree on
@@ -81,6 +84,7 @@ class EpisodeStore:
         self.cameras = tuple(self.frame_formats)
         self.hands = tuple(first.hands)
         self.fps = first.fps
+        self.target_names = tuple(first.targets)
 
     def __len__(self) -> int:
         return len(self._entries)
@@ -144,6 +148,11 @@ class EpisodeStore:
         entry = self._entries[i]
         return self._read(entry.shard, entry.action, decode_npy)
 
+    def targets(self, i: int) -> NDArray[np.float32] | None:
+        """(N, T) float32 targets of episode ``i``, or None where the episodes have none; see `Episode`."""
+        entry = self._entries[i]
+        return None if entry.targets is None else self._read(entry.shard, entry.targets, decode_npy)
+
     def frames(self, i: int, camera: str, steps: Sequence[int]) -> NDArray[np.uint8]:
         """Frames of one camera.
 
@@ -177,7 +186,7 @@ class EpisodeStore:
         """All of episode ``i``."""
         header = self.header(i)
         images = {name: self.frames(i, name, range(header.steps)) for name in self.cameras}
-        return Episode(header, self.pose(i), self.action(i), images)
+        return Episode(header, self.pose(i), self.action(i), images, self.targets(i))
 
     def _index_all(self) -> EpisodeHeader:
         """Fill ``_entries``; returns the first header, with which all others agree."""
@@ -226,12 +235,17 @@ def _entry(shard: int, sample: SampleMembers, header: EpisodeHeader) -> _Entry:
     for camera in header.cameras:
         found = [members[suffix] for suffix in frame_suffixes(camera.name, header.steps)]
         frames[camera.name] = np.array([(member.offset, member.size) for member in found], np.int64)
-    return _Entry(shard, sample.key, members[HEADER], members[POSE], members[ACTION], frames)
+    arrays = members[POSE], members[ACTION], members.get(TARGETS)
+    return _Entry(shard, sample.key, members[HEADER], *arrays, frames)
 
 
 def _layout(header: EpisodeHeader) -> dict[str, Any]:
-    cameras = {name: str(frame) for name, frame in frame_formats(header).items()}
-    return {"cameras": cameras, "hands": header.hands, "fps": header.fps}
+    return {
+        "cameras": {name: str(frame) for name, frame in frame_formats(header).items()},
+        "hands": header.hands,
+        "fps": header.fps,
+        "targets": header.targets,
+    }
 
 
 def _require_agreement(path: Path, first: EpisodeHeader, other: EpisodeHeader) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from geoprior.errors import DataError
 from geoprior.shards.binary_png import pack_white
-from geoprior.shards.episode import Episode, EpisodeHeader, validate_poses
+from geoprior.shards.episode import Episode, EpisodeHeader, validate_poses, validate_targets
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -32,12 +32,14 @@ class Sample:
         frames: Per camera a function that yields its frames in order, some at a time: (n, H, ceil(W / 8))
             uint8 of a binary camera, as `numpy.packbits` gives them, (n, H, W) uint8 gray or (n, H, W, 3)
             uint8 RGB: what a renderer draws.
+        targets: (N, T) float32 or None; see `Episode`.
     """
 
     header: EpisodeHeader
     pose: NDArray[np.float32]
     action: NDArray[np.float32]
     frames: Mapping[str, Blocks]
+    targets: NDArray[np.float32] | None = None
 
 
 def sample_of(episode: Episode) -> Sample:
@@ -53,7 +55,7 @@ def sample_of(episode: Episode) -> Sample:
         camera.name: _blocks_of(f"{key}.{camera.name}", episode.images[camera.name], camera.frame_format)
         for camera in episode.header.cameras
     }
-    return Sample(episode.header, episode.pose, episode.action, frames)
+    return Sample(episode.header, episode.pose, episode.action, frames, episode.targets)
 
 
 def check_sample(sample: Sample) -> None:
@@ -65,6 +67,7 @@ def check_sample(sample: Sample) -> None:
     header = sample.header
     validate_poses(header, "pose", sample.pose)
     validate_poses(header, "action", sample.action)
+    validate_targets(header, sample.targets)
     names = [camera.name for camera in header.cameras]
     if names != sorted(set(names)) or set(names) != set(sample.frames):
         raise DataError(f"{header.key}: cameras {names} do not match frames of {sorted(sample.frames)}")

@@ -20,6 +20,7 @@ from geoprior.shards.index import (
     ACTION,
     HEADER,
     POSE,
+    TARGETS,
     SampleMembers,
     frame_formats,
     frame_suffixes,
@@ -80,7 +81,8 @@ def _decoded(where: str, header: EpisodeHeader, contents: Mapping[str, bytes]) -
             name: np.stack([_frame(contents, suffix, frame) for suffix in frame_suffixes(name, header.steps)])
             for name, frame in frame_formats(header).items()
         }
-        return Episode(header, decode_npy(contents[POSE]), decode_npy(contents[ACTION]), images)
+        targets = decode_npy(contents[TARGETS]) if header.targets else None
+        return Episode(header, decode_npy(contents[POSE]), decode_npy(contents[ACTION]), images, targets)
     except ValueError as error:
         raise DataError(f"{where}: {error}", REMEDY) from error
 

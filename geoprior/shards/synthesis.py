@@ -27,6 +27,7 @@ from geoprior.scene.scene import draw_scene
 from geoprior.shards.episode import WORLD, CameraHeader, Episode, EpisodeHeader, can_be_told_apart
 from geoprior.shards.others import others_of, require_known_objects
 from geoprior.shards.sample import Sample, block_slices
+from geoprior.shards.targets import compute_targets, target_names
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -159,7 +160,7 @@ class Studio:
         take = self.stage(motion, index)
         header, pose = self._header_and_pose(take, motion, index)
         blocks = {name: partial(self._blocks, shot) for name, shot in take.shots.items()}
-        return Sample(header, pose, next_poses(pose), blocks)
+        return Sample(header, pose, next_poses(pose), blocks, self.targets(take))
 
     def episode(self, motion: Choice, index: int) -> Episode:
         """Make one episode in memory; see `stage`."""
@@ -169,7 +170,11 @@ class Studio:
             name: frames.unpacked(self.frames, self.draw(shot), shot.view.width)
             for name, shot in take.shots.items()
         }
-        return Episode(header, pose, next_poses(pose), images)
+        return Episode(header, pose, next_poses(pose), images, self.targets(take))
+
+    def targets(self, take: Take) -> NDArray[np.float32] | None:
+        """(N, T) targets of an episode, or None where the config wants none; see `compute_targets`."""
+        return compute_targets(take.trajectory, take.shots) if self.config.targets else None
 
     def draw(self, shot: Shot) -> NDArray[np.uint8]:
         """Draw a shot as the config's renderer does; see `geoprior.render.frames.draw`.
@@ -225,6 +230,9 @@ class Studio:
             steps=len(pose),
             hands=list(take.trajectory.hands),
             cameras=_camera_headers(take, self.frames),
+            targets=list(
+                target_names(tuple(take.trajectory.hands), tuple(take.shots)) if config.targets else ()
+            ),
             generator=f"geoprior {__version__}",
             details=_details(take) | _named_variants(config) | {"recipe": self.recipe(motion)},
         )

@@ -12,7 +12,7 @@ from geoprior.files import atomic_path
 from geoprior.shards.archive import ArchiveWriter
 from geoprior.shards.binary_png import encode_binary_png, encode_members
 from geoprior.shards.codec import encode_header, encode_levels_png, encode_npy
-from geoprior.shards.index import ACTION, HEADER, POSE, frame_suffixes
+from geoprior.shards.index import ACTION, HEADER, POSE, TARGETS, frame_suffixes
 from geoprior.shards.manifest import ShardRecord, check_name
 from geoprior.shards.sample import Sample, check_sample, sample_of
 
@@ -130,4 +130,5 @@ def _small_members(sample: Sample) -> dict[str, bytes]:
         header = encode_header(sample.header)
     except ValueError as error:
         raise DataError(f"{sample.header.key}: the header cannot be written as JSON: {error}") from error
-    return {HEADER: header, POSE: encode_npy(sample.pose), ACTION: encode_npy(sample.action)}
+    targets = {} if sample.targets is None else {TARGETS: encode_npy(sample.targets)}
+    return {HEADER: header, POSE: encode_npy(sample.pose), ACTION: encode_npy(sample.action), **targets}

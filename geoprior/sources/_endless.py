@@ -10,6 +10,7 @@ from geoprior.files import sha256_json
 from geoprior.progress import track
 from geoprior.render.frames import unpacked
 from geoprior.shards.synthesis import hands_of, recipe
+from geoprior.shards.targets import target_names
 from geoprior.sources._stager import Stager, StagerConfig
 from geoprior.sources._turnover import Turnover
 from geoprior.sources._workers import Worker, WorkerHere, WorkerProcess
@@ -55,6 +56,7 @@ class EndlessSource:
             self.poses, self.actions = self._first_epoch()
             self.cameras = self._workers[0].ask(Stager.cameras)()
             self._frames = self._workers[0].ask(Stager.frames)()
+            self.targets = target_names(self.hands, self.cameras) if generate.targets else ()
         except BaseException:
             self.close()
             raise
@@ -84,6 +86,7 @@ class EndlessSource:
                 )
                 for camera in self.cameras
             },
+            targets=_joined([part.targets for part in parts if part.targets is not None], order),
         )
 
     def close(self) -> None:
@@ -122,6 +125,10 @@ class EndlessSource:
             mine = [slot for slot in range(len(self)) if self._worker_of(slot) == worker]
             for first in range(0, len(mine), _PORTION):
                 yield worker, mine[first : first + _PORTION]
+
+
+def _joined(parts: Sequence[NDArray[np.float32]], order: NDArray[np.int64]) -> NDArray[np.float32] | None:
+    return np.concatenate(parts)[order] if parts else None
 
 
 def _start(count: int, context: SourceContext, episodes: int) -> list[Worker]:

@@ -48,6 +48,7 @@ class _Staged:
     pose: NDArray[np.float32]
     action: NDArray[np.float32]
     shots: Mapping[str, Shot]
+    targets: NDArray[np.float32] | None
     bytes: int
 
 
@@ -112,6 +113,7 @@ class Stager:
                 )
                 for camera in staged[0].shots
             },
+            targets=_targets(staged, times),
         )
 
     def _draw(self, shot: Shot, time: int) -> NDArray[np.uint8]:
@@ -141,7 +143,16 @@ class Stager:
                 "mend the plug-in, or train on the source `shards`",
             )
         action = next_poses(pose)
-        return _Staged(episode, pose, action, take.shots, pose.nbytes + action.nbytes + _bytes_of(take.shots))
+        targets = self._studio.targets(take)
+        size = (
+            pose.nbytes + action.nbytes + _bytes_of(take.shots) + (0 if targets is None else targets.nbytes)
+        )
+        return _Staged(episode, pose, action, take.shots, targets, size)
+
+
+def _targets(staged: Sequence[_Staged], times: Sequence[int]) -> NDArray[np.float32] | None:
+    rows = [one.targets[time] for one, time in zip(staged, times, strict=True) if one.targets is not None]
+    return np.stack(rows) if rows else None
 
 
 def _bytes_of(shots: Mapping[str, Shot]) -> int:

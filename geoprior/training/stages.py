@@ -12,6 +12,7 @@ from geoprior.errors import ConfigError, DataError, PluginError
 from geoprior.files import sha256_json
 from geoprior.geometry.seeding import integer_seed
 from geoprior.hooks.manager import plugins
+from geoprior.options import recipe_tree
 from geoprior.policies.checkpoint import (
     CheckpointHeader,
     list_checkpoints,
@@ -44,7 +45,7 @@ if TYPE_CHECKING:
     from geoprior.sources.source import Source
     from geoprior.training.config import FinetuneConfig, PretrainConfig
 
-_MACHINES = {"threads", "precision", "device"}
+_MACHINES = frozenset({"threads", "precision", "device"})
 """Fields that say what the machine shall be; what it is decides."""
 
 
@@ -145,8 +146,8 @@ def train(config: TrainConfig, job: Job, choice: Choice, source: Source, machine
     statistics = _statistics(job, source, slots)
     policy = build_policy(choice, features, job.seed)
     transfer = _transfer(job, policy, choice.name, fps)
-    decides = set(TrainConfig.model_fields) - config.speed_only - _MACHINES
-    common = config.model_dump(mode="json", include=decides)
+    aside_from = set(type(config).model_fields) - set(TrainConfig.model_fields)
+    common = recipe_tree(config, config.speed_only | _MACHINES | aside_from)
     details = {
         "run": job.run,
         "seed": job.seed,
@@ -171,7 +172,7 @@ def train(config: TrainConfig, job: Job, choice: Choice, source: Source, machine
         header=CheckpointHeader(choice, features, fps, statistics, 0, 0, details),
         fingerprint=sha256_json({"policy": choice.model_dump(mode="json"), "fps": fps, **details}),
         team=team(),
-        held_out=HeldOut(source, aside, features, normaliser, config, batches.read) if aside else None,
+        judges=[HeldOut(source, aside, features, normaliser, config, batches.read)] if aside else [],
     )
     return fit(training)
 

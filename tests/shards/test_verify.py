@@ -333,6 +333,7 @@ def test_info_counts_what_is_there(tmp_path, make_episode):
         "frames": {"hand": "binary", "third": "rgb"},
         "motions": {"pick": 1, "push": 2},
         "sources": {"synthetic": 3},
+        "targets": [],
         "generators": {"test": 3},
         "digest": EpisodeStore(tmp_path).digest,
     }
