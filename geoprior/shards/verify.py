@@ -61,8 +61,8 @@ def info(path: Path) -> dict[str, Any]:
 
     Returns:
         ``path``, ``shards``, ``episodes``, ``steps``, ``bytes``, ``fps``, ``hands``, ``cameras`` (rows,
-        columns, channels of each), ``targets``, ``motions``, ``sources`` and ``generators`` (episodes of each), and
-        ``digest``.
+        columns, channels of each), ``targets`` (their names), ``motions``, ``sources`` and ``generators``
+        (episodes of each), and ``digest``.
 
     Raises:
         DataError: It cannot be opened; see `EpisodeStore`.
