@@ -20,6 +20,7 @@ from geoprior.hooks.types import TrainStep
 from geoprior.policies.checkpoint import (
     CheckpointHeader,
     checkpoint_path,
+    lasting_tensors,
     list_checkpoints,
     save_checkpoint,
 )
@@ -250,7 +251,7 @@ def _checkpoint_steps(training: Training) -> dict[int, list[int]]:
 def _save_weights(training: Training, epoch: int, step: int) -> None:
     _require_finite_weights(training, step)
     header = replace(training.header, epoch=epoch, step=step)
-    save_checkpoint(checkpoint_path(training.folder, epoch), training.policy.state_dict(), header)
+    save_checkpoint(checkpoint_path(training.folder, epoch), lasting_tensors(training.policy), header)
 
 
 def _require_finite_weights(training: Training, step: int) -> None:
