@@ -15,7 +15,7 @@ from geoprior.geometry.projection import View
 from geoprior.geometry.se3 import invert, make_transform
 from geoprior.motions.trajectory import ways_of_objects
 from geoprior.render.clouds import Cloud, Shot
-from geoprior.render.packing import unpack_frames
+from geoprior.render.frames import draw, unpacked
 from geoprior.scene.fingers import box_points
 from geoprior.scene.hand import hand_cube
 from geoprior.scene.mesh import flat_hull, square
@@ -91,5 +91,9 @@ def _riding(hand: Hand, way: HandWay) -> View:
 
 
 def render(renderer: Renderer, shot: Shot) -> NDArray[np.uint8]:
-    """Frames (N, H, W) of one camera, 0 or 255."""
-    return unpack_frames(renderer.render(shot.clouds, shot.view, shot.steps), shot.view.width)
+    """Frames (N, H, W) of one camera, of a binary renderer 0 or 255; or (N, H, W, 3) RGB.
+
+    Raises:
+        PluginError: See `geoprior.render.frames.draw`.
+    """
+    return unpacked(renderer.frames, draw(renderer, shot), shot.view.width)

@@ -17,6 +17,8 @@ _PRIMITIVES = ("prism", "pyramid", "cylinder", "cone", "sphere", "truncated-pyra
 class GenerateConfig(Options):
     """The geometric data set: how many episodes, of what, and how long."""
 
+    later = frozenset({"targets"})
+
     fps: float = Field(10.0, gt=0.0, le=1000.0, description="Time steps a second.")
     seconds: SecondsOrRange = Field(
         10.0, description="Length of an episode: a number, or a range that each episode draws from."
@@ -37,6 +39,11 @@ class GenerateConfig(Options):
     )
     renderer: Choice = Field(default=Choice(name="points"), description="How frames are drawn.")
     scene: SceneConfig = Field(default=SceneConfig(), description="Floor, object, hand and cameras.")
+    targets: bool = Field(
+        default=False,
+        description="Episodes also hold where object and marker are in each hand's frame and in each image, "
+        "for policies that learn it on the side.",
+    )
     episodes_per_shard: int = Field(
         30, ge=1, le=100_000, description="Samples in a shard; a worker makes a shard at a time."
     )

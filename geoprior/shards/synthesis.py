@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import groupby
@@ -17,7 +18,7 @@ from geoprior.geometry.seeding import child, generator, integer_seed
 from geoprior.hooks.manager import plugins
 from geoprior.motions.trajectory import ways_of_objects
 from geoprior.options import recipe_tree
-from geoprior.render import rig
+from geoprior.render import frames, rig
 from geoprior.render.variation import vary
 from geoprior.scene.bystanders import draw_bystanders
 from geoprior.scene.mesh import extents
@@ -27,6 +28,7 @@ from geoprior.scene.scene import draw_scene
 from geoprior.shards.episode import WORLD, CameraHeader, Episode, EpisodeHeader, can_be_told_apart
 from geoprior.shards.others import others_of, require_known_objects
 from geoprior.shards.sample import Sample, block_slices
+from geoprior.shards.targets import compute_targets, target_names
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -39,6 +41,7 @@ if TYPE_CHECKING:
     from geoprior.motions.trajectory import Trajectory
     from geoprior.options import Choice
     from geoprior.render.clouds import Shot
+    from geoprior.render.frames import FrameKind
     from geoprior.scene.config import OtherConfig
     from geoprior.scene.mesh import Mesh
     from geoprior.scene.objects import SceneObject
@@ -109,6 +112,7 @@ class Studio:
         self._episodes = episodes
         build = plugins().build
         self.renderer: Renderer = build("renderer", config.renderer)
+        self.frames: FrameKind = frames.frame_kind(self.renderer, config.renderer.name)
         self._primitives: dict[str, Primitive] = {}
         for choice in config.primitives:
             self._primitive(choice)
@@ -157,15 +161,30 @@ class Studio:
         """Make one episode as it is written; its frames are drawn when they are asked for. See `stage`."""
         take = self.stage(motion, index)
         header, pose = self._header_and_pose(take, motion, index)
-        frames = {name: partial(self._blocks, shot) for name, shot in take.shots.items()}
-        return Sample(header, pose, next_poses(pose), frames)
+        blocks = {name: partial(self._blocks, shot) for name, shot in take.shots.items()}
+        return Sample(header, pose, next_poses(pose), blocks, self.targets(take))
 
     def episode(self, motion: Choice, index: int) -> Episode:
         """Make one episode in memory; see `stage`."""
         take = self.stage(motion, index)
         header, pose = self._header_and_pose(take, motion, index)
-        images = {name: rig.render(self.renderer, shot) for name, shot in take.shots.items()}
-        return Episode(header, pose, next_poses(pose), images)
+        images = {
+            name: frames.unpacked(self.frames, self.draw(shot), shot.view.width)
+            for name, shot in take.shots.items()
+        }
+        return Episode(header, pose, next_poses(pose), images, self.targets(take))
+
+    def targets(self, take: Take) -> NDArray[np.float32] | None:
+        """(N, T) targets of an episode, or None where the config wants none; see `compute_targets`."""
+        return compute_targets(take.trajectory, take.shots) if self.config.targets else None
+
+    def draw(self, shot: Shot) -> NDArray[np.uint8]:
+        """Draw a shot as the config's renderer does; see `geoprior.render.frames.draw`.
+
+        Raises:
+            PluginError: The renderer's frames are not what it says that it draws.
+        """
+        return frames.draw(self.renderer, shot, self.config.renderer.name)
 
     def recipe(self, motion: Choice) -> str:
         """See `recipe`."""
@@ -210,10 +229,9 @@ class Studio:
         return self._plans[key]
 
     def _blocks(self, shot: Shot) -> Iterator[NDArray[np.uint8]]:
-        frame_bytes = shot.view.height * -(-shot.view.width // 8)
-        for steps in block_slices(shot.steps, frame_bytes):
-            part = shot.at(steps)
-            yield self.renderer.render(part.clouds, part.view, part.steps)
+        frame = frames.FrameFormat(self.frames, shot.view.height, shot.view.width)
+        for steps in block_slices(shot.steps, math.prod(frame.drawn_shape)):
+            yield self.draw(shot.at(steps))
 
     def _header_and_pose(
         self, take: Take, motion: Choice, index: int
@@ -229,7 +247,10 @@ class Studio:
             fps=config.fps,
             steps=len(pose),
             hands=list(take.trajectory.hands),
-            cameras=_camera_headers(take),
+            cameras=_camera_headers(take, self.frames),
+            targets=list(
+                target_names(tuple(take.trajectory.hands), tuple(take.shots)) if config.targets else ()
+            ),
             generator=f"geoprior {__version__}",
             details=_details(take) | _named_variants(config) | {"recipe": self.recipe(motion)},
         )
@@ -316,25 +337,26 @@ def _named_variants(config: GenerateConfig) -> dict[str, list[str]]:
     return {"variants": [variant.name for variant in config.variants]} if config.variants else {}
 
 
-def _camera_headers(take: Take) -> list[CameraHeader]:
+def _camera_headers(take: Take, kind: FrameKind) -> list[CameraHeader]:
     scene = take.scene
     third = invert(scene.third_view.transforms_world_to_camera)
-    headers = [_camera_header(rig.THIRD, scene.third_view, WORLD, third)]
+    headers = [_camera_header(rig.THIRD, kind, scene.third_view, WORLD, third)]
     headers += [
-        _camera_header(name, hand.view, name, hand.transform_camera_to_hand)
+        _camera_header(name, kind, hand.view, name, hand.transform_camera_to_hand)
         for name, hand in scene.hands.items()
     ]
     return sorted(headers, key=lambda header: header.name)
 
 
 def _camera_header(
-    name: str, view: View, mount: str, transform_camera_to_mount: NDArray[np.float64]
+    name: str, kind: FrameKind, view: View, mount: str, transform_camera_to_mount: NDArray[np.float64]
 ) -> CameraHeader:
     return CameraHeader(
         name=name,
         height=view.height,
         width=view.width,
-        channels=1,
+        channels=3 if kind == "rgb" else 1,
+        bits=8 if kind == "gray" else None,
         intrinsics=view.intrinsics.tolist(),
         mount=mount,
         transform_camera_to_mount=transform_camera_to_mount.tolist(),

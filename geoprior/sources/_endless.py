@@ -8,8 +8,9 @@ import numpy as np
 
 from geoprior.files import sha256_json
 from geoprior.progress import track
-from geoprior.render.packing import unpack_frames
+from geoprior.render.frames import unpacked
 from geoprior.shards.synthesis import hands_of, recipe
+from geoprior.shards.targets import target_names
 from geoprior.sources._stager import Stager, StagerConfig
 from geoprior.sources._turnover import Turnover
 from geoprior.sources._workers import Worker, WorkerHere, WorkerProcess
@@ -31,7 +32,7 @@ class EndlessSource:
     """See `geoprior.sources.source.Source`: most epochs bring episodes that no epoch before had.
 
     Each worker serves slots of its own, so that an episode is staged once, whatever their number. Only the
-    moments wanted come back, frames packed: a KiB each at 64 x 64.
+    moments wanted come back, binary frames packed: half a KiB each at 64 x 64.
 
     Args:
         config: Of the source.
@@ -54,6 +55,8 @@ class EndlessSource:
         try:
             self.poses, self.actions = self._first_epoch()
             self.cameras = self._workers[0].ask(Stager.cameras)()
+            self._frames = self._workers[0].ask(Stager.frames)()
+            self.targets = target_names(self.hands, self.cameras) if generate.targets else ()
         except BaseException:
             self.close()
             raise
@@ -78,9 +81,12 @@ class EndlessSource:
             pose=np.concatenate([part.pose for part in parts])[order],
             action=np.concatenate([part.action for part in parts])[order],
             frames={
-                camera: unpack_frames(np.concatenate([part.frames[camera] for part in parts])[order], width)
+                camera: unpacked(
+                    self._frames, np.concatenate([part.frames[camera] for part in parts])[order], width
+                )
                 for camera in self.cameras
             },
+            targets=_joined([part.targets for part in parts if part.targets is not None], order),
         )
 
     def close(self) -> None:
@@ -119,6 +125,10 @@ class EndlessSource:
             mine = [slot for slot in range(len(self)) if self._worker_of(slot) == worker]
             for first in range(0, len(mine), _PORTION):
                 yield worker, mine[first : first + _PORTION]
+
+
+def _joined(parts: Sequence[NDArray[np.float32]], order: NDArray[np.int64]) -> NDArray[np.float32] | None:
+    return np.concatenate(parts)[order] if parts else None
 
 
 def _start(count: int, context: SourceContext, episodes: int) -> list[Worker]:

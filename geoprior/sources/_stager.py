@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from geoprior.geometry.camera import CamerasConfig
     from geoprior.render.clouds import Shot
+    from geoprior.render.frames import FrameKind
     from geoprior.shards.config import GenerateConfig
 
 
@@ -47,6 +48,7 @@ class _Staged:
     pose: NDArray[np.float32]
     action: NDArray[np.float32]
     shots: Mapping[str, Shot]
+    targets: NDArray[np.float32] | None
     bytes: int
 
 
@@ -71,6 +73,10 @@ class Stager:
         """Names of the cameras of every episode."""
         return tuple(self._staged(0, 0).shots)
 
+    def frames(self) -> FrameKind:
+        """What the frames of `moments` are."""
+        return self._studio.frames
+
     def trajectories(
         self, slots: Sequence[int], episodes: Sequence[int]
     ) -> list[tuple[NDArray[np.float32], NDArray[np.float32]]]:
@@ -91,10 +97,10 @@ class Stager:
             steps: (B, C); see `geoprior.sources.source.Source.read`.
 
         Returns:
-            Its frames are packed: (B, H, ceil(W / 8)).
+            Its frames are as the renderer draws them: binary ones are packed.
 
         Raises:
-            GeopriorError: An episode cannot be staged.
+            GeopriorError: An episode cannot be staged or drawn.
         """
         staged = [self._staged(slot, episode) for slot, episode in zip(slots, episodes, strict=True)]
         times = steps[:, 0].tolist()
@@ -107,11 +113,11 @@ class Stager:
                 )
                 for camera in staged[0].shots
             },
+            targets=_targets(staged, times),
         )
 
     def _draw(self, shot: Shot, time: int) -> NDArray[np.uint8]:
-        moment = shot.at(slice(time, time + 1))
-        return self._studio.renderer.render(moment.clouds, moment.view, moment.steps)
+        return self._studio.draw(shot.at(slice(time, time + 1)))
 
     def _staged(self, slot: int, episode: int) -> _Staged:
         kept = self._kept.get(slot)
@@ -137,7 +143,16 @@ class Stager:
                 "mend the plug-in, or train on the source `shards`",
             )
         action = next_poses(pose)
-        return _Staged(episode, pose, action, take.shots, pose.nbytes + action.nbytes + _bytes_of(take.shots))
+        targets = self._studio.targets(take)
+        size = (
+            pose.nbytes + action.nbytes + _bytes_of(take.shots) + (0 if targets is None else targets.nbytes)
+        )
+        return _Staged(episode, pose, action, take.shots, targets, size)
+
+
+def _targets(staged: Sequence[_Staged], times: Sequence[int]) -> NDArray[np.float32] | None:
+    rows = [one.targets[time] for one, time in zip(staged, times, strict=True) if one.targets is not None]
+    return np.stack(rows) if rows else None
 
 
 def _bytes_of(shots: Mapping[str, Shot]) -> int:

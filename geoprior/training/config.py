@@ -17,6 +17,7 @@ class TrainConfig(Options):
     """
 
     speed_only = frozenset({"loader_workers", "prefetch", "frame_cache_mb", "resume_seconds", "log_every"})
+    later = frozenset({"schedule", "final_rate"})
 
     epochs: int = Field(
         256, ge=1, le=10_000_000, description="Passes over the episodes, one time step of each."
@@ -39,6 +40,14 @@ class TrainConfig(Options):
     )
     warmup_steps: int = Field(
         0, ge=0, description="Steps over which the learning rate rises linearly from 0."
+    )
+    schedule: Literal["constant", "cosine"] = Field(
+        "constant",
+        description="The learning rate after the warm-up: `constant`, or a `cosine` that falls to "
+        "`final_rate` at the end.",
+    )
+    final_rate: float = Field(
+        0.0, ge=0.0, le=1.0, description="What `cosine` ends with, as a share of the full learning rate."
     )
     image_noise: float = Field(
         0.05, ge=0.0, le=1.0, description="Standard deviation of Gaussian noise on frames in [0, 1]."
@@ -93,6 +102,12 @@ class TrainConfig(Options):
     def _parts_are_equal(self) -> Self:
         if self.batch_size % self.microbatches:
             raise ValueError(f"microbatches {self.microbatches} must divide batch_size {self.batch_size}")
+        return self
+
+    @model_validator(mode="after")
+    def _only_a_cosine_ends_lower(self) -> Self:
+        if self.schedule == "constant" and self.final_rate:
+            raise ValueError(f"final_rate {self.final_rate:g}: schedule is constant; set it to cosine")
         return self
 
 

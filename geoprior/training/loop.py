@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, closing
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -20,6 +20,7 @@ from geoprior.hooks.types import TrainStep
 from geoprior.policies.checkpoint import (
     CheckpointHeader,
     checkpoint_path,
+    lasting_tensors,
     list_checkpoints,
     save_checkpoint,
 )
@@ -46,7 +47,7 @@ if TYPE_CHECKING:
     from geoprior.policies.policy import Batch, Policy
     from geoprior.training.config import TrainConfig
     from geoprior.training.data import Batches
-    from geoprior.training.held_out import HeldOut
+    from geoprior.training.judge import Judge
     from geoprior.training.machine import Machine
 
 RESULT_NAME = "result.json"
@@ -70,7 +71,7 @@ class Training:
         header: What the checkpoints say; epoch and step are filled in.
         fingerprint: Of all that decides the weights at the end.
         team: The processes that take part.
-        held_out: What it is judged by at every checkpoint, if anything.
+        judges: What it is judged by at every checkpoint, one after the other.
     """
 
     run: str
@@ -84,7 +85,7 @@ class Training:
     header: CheckpointHeader
     fingerprint: str
     team: Team = field(default_factory=Team)
-    held_out: HeldOut | None = None
+    judges: Sequence[Judge] = ()
 
     @cached_property
     def loss(self) -> Callable[[Batch], tuple[Tensor, Mapping[str, Tensor]]]:
@@ -219,9 +220,12 @@ def _require_same_start(training: Training, step: int) -> None:
 
 
 def _judge(training: Training) -> dict[str, float]:
-    if training.held_out is None or not training.team.leads:
+    if not training.team.leads:
         return {}
-    return training.held_out.measure(training.policy, training.machine)
+    measured: dict[str, float] = {}
+    for judge in training.judges:
+        measured |= judge.measure(training.policy, training.machine)
+    return measured
 
 
 def _average(averages: Mapping[str, float], metrics: Mapping[str, float], step: int) -> dict[str, float]:
@@ -247,7 +251,7 @@ def _checkpoint_steps(training: Training) -> dict[int, list[int]]:
 def _save_weights(training: Training, epoch: int, step: int) -> None:
     _require_finite_weights(training, step)
     header = replace(training.header, epoch=epoch, step=step)
-    save_checkpoint(checkpoint_path(training.folder, epoch), training.policy.state_dict(), header)
+    save_checkpoint(checkpoint_path(training.folder, epoch), lasting_tensors(training.policy), header)
 
 
 def _require_finite_weights(training: Training, step: int) -> None:

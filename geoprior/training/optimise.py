@@ -13,6 +13,7 @@ from geoprior.geometry.seeding import integer_seed
 from geoprior.policies.halves import takes_half_weights
 from geoprior.training.adamw import AdamW, HalfAdamW
 from geoprior.training.resume import RESUME_NAME
+from geoprior.training.schedule import rate_at
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -67,9 +68,9 @@ def take_step(
         NumericalError: The loss is not finite, in whichever process.
     """
     config, policy = training.config, training.policy
-    warm = min(1.0, (step + 1) / config.warmup_steps) if config.warmup_steps else 1.0
+    share = rate_at(config, step, training.steps)
     for group in optimizer.param_groups:
-        group["lr"] = group["full_rate"] * warm
+        group["lr"] = group["full_rate"] * share
     optimizer.zero_grad(set_to_none=True)
     statistics = _Statistics(policy, config.microbatches)
     metrics: dict[str, float] = {}
@@ -89,7 +90,7 @@ def take_step(
     if config.gradient_clip is not None:
         metrics["gradient_norm"] = optimizer.clip(config.gradient_clip)
     optimizer.step()
-    return {**metrics, "learning_rate": config.learning_rate * warm}
+    return {**metrics, "learning_rate": config.learning_rate * share}
 
 
 def remedy(folder: Path) -> str:

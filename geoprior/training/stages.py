@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import closing
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import torch
@@ -12,6 +12,7 @@ from geoprior.errors import ConfigError, DataError, PluginError
 from geoprior.files import sha256_json
 from geoprior.geometry.seeding import integer_seed
 from geoprior.hooks.manager import plugins
+from geoprior.options import recipe_tree
 from geoprior.policies.checkpoint import (
     CheckpointHeader,
     list_checkpoints,
@@ -23,7 +24,7 @@ from geoprior.policies.normalise import Normaliser, Statistics, merge
 from geoprior.policies.policy import PolicyOptions
 from geoprior.shards.reader import EpisodeStore
 from geoprior.sources.shards import ShardSource
-from geoprior.sources.source import SourceContext
+from geoprior.sources.source import SourceContext, targets_of
 from geoprior.training.config import ConditionConfig, TrainConfig
 from geoprior.training.data import Batches, features_of, split_slots, statistics_of
 from geoprior.training.held_out import HeldOut
@@ -44,7 +45,7 @@ if TYPE_CHECKING:
     from geoprior.sources.source import Source
     from geoprior.training.config import FinetuneConfig, PretrainConfig
 
-_MACHINES = {"threads", "precision", "device"}
+_MACHINES = frozenset({"threads", "precision", "device"})
 """Fields that say what the machine shall be; what it is decides."""
 
 
@@ -98,6 +99,7 @@ def pretrain(
     begin = ConditionConfig(init=config.init)
     job = Job("pretrain", integer_seed(seed, "pretrain"), begin, None, out)
     with closing(plugins().build("source", config.source, context)) as source:
+        _require_targets(policy, source)
         return train(config, job, policy, source, _machine(config, out))
 
 
@@ -139,14 +141,16 @@ def finetune(
 def train(config: TrainConfig, job: Job, choice: Choice, source: Source, machine: Machine) -> dict[str, Any]:
     """Set one training up and take it to its end; see `pretrain`."""
     choice = plugins().resolve("policy", choice)
-    features = features_of(source, _chunk(choice))
+    options = _options(choice)
+    features = features_of(source, options.chunk, targets=options.uses_targets)
     fps = source.fps / config.skip
     slots, aside = split_slots(len(source), config.held_out, job.seed)
     statistics = _statistics(job, source, slots)
     policy = build_policy(choice, features, job.seed)
     transfer = _transfer(job, policy, choice.name, fps)
-    decides = set(TrainConfig.model_fields) - config.speed_only - _MACHINES
-    common = config.model_dump(mode="json", include=decides)
+    aside_from = set(type(config).model_fields) - set(TrainConfig.model_fields)
+    common = recipe_tree(config, config.speed_only | _MACHINES | aside_from)
+    deciding_options = {"name": choice.name, **recipe_tree(options)}
     details = {
         "run": job.run,
         "seed": job.seed,
@@ -168,10 +172,10 @@ def train(config: TrainConfig, job: Job, choice: Choice, source: Source, machine
         episodes=len(slots),
         seed=job.seed,
         machine=machine,
-        header=CheckpointHeader(choice, features, fps, statistics, 0, 0, details),
-        fingerprint=sha256_json({"policy": choice.model_dump(mode="json"), "fps": fps, **details}),
+        header=CheckpointHeader(choice, replace(features, targets=()), fps, statistics, 0, 0, details),
+        fingerprint=sha256_json({"policy": deciding_options, "fps": fps, **details}),
         team=team(),
-        held_out=HeldOut(source, aside, features, normaliser, config, batches.read) if aside else None,
+        judges=[HeldOut(source, aside, features, normaliser, config, batches.read)] if aside else [],
     )
     return fit(training)
 
@@ -210,14 +214,27 @@ def last_checkpoint(condition: str, prior: Path | None) -> Path:
     return checkpoints[-1].path
 
 
-def _chunk(choice: Choice) -> int:
+def _options(choice: Choice) -> PolicyOptions:
     options = plugins().options("policy", choice)
     if not isinstance(options, PolicyOptions):
         raise PluginError(
             f"policy {choice.name!r}: its config model is no PolicyOptions",
             "derive it from geoprior.policies.policy.PolicyOptions",
         )
-    return options.chunk
+    return options
+
+
+def _require_targets(choice: Choice, source: Source) -> None:
+    """Refuse to pretrain a policy that would learn targets on data that have none.
+
+    Raises:
+        ConfigError: The policy is named.
+    """
+    if _options(choice).uses_targets and not targets_of(source):
+        raise ConfigError(
+            f"policy {choice.name!r}: it shall learn targets in pretraining, and the data have none",
+            "set generate.targets to true and generate anew, or policy.target_weight to 0",
+        )
 
 
 def _statistics(job: Job, source: Source, slots: Sequence[int]) -> Statistics:

@@ -52,7 +52,7 @@ def _judged(store, folder, share=0.3, **options):
         training,
         batches=Batches(source, features, normaliser, training.config, training.seed, slots),
         episodes=len(slots),
-        held_out=HeldOut(source, aside, features, normaliser, training.config),
+        judges=[HeldOut(source, aside, features, normaliser, training.config)],
     ), set(aside)
 
 
@@ -98,7 +98,7 @@ def test_with_nothing_held_out_the_batches_are_what_they_were(store, tmp_path):
 def test_moments_are_spread_over_each_episode(store, tmp_path):
     training, aside = _judged(store, tmp_path)
     store.seen.clear()
-    training.held_out.measure(training.policy, training.machine)
+    training.judges[0].measure(training.policy, training.machine)
     for episode in aside:
         times = sorted({steps[0] for seen, steps in store.seen if seen == episode})
         assert len(times) == MOMENTS
@@ -112,7 +112,7 @@ def test_the_loss_is_a_mean_whatever_the_batch_size(store, tmp_path):
     for size in (1, 3, 100):
         training, _ = _judged(store, tmp_path, batch_size=size)
         training.policy.loss = _without_noise(training.policy)
-        measured.append(training.held_out.measure(training.policy, training.machine)["held_out_l1"])
+        measured.append(training.judges[0].measure(training.policy, training.machine)["held_out_l1"])
     np.testing.assert_allclose(measured, measured[0], rtol=1e-5)
 
 
@@ -136,6 +136,26 @@ def test_it_is_logged_at_every_checkpoint_and_falls(store, tmp_path):
     assert training.policy.training
 
 
+class Counting:
+    """A judge that measures how often it was asked."""
+
+    asked = 0
+
+    def measure(self, policy, machine):
+        assert machine.device == "cpu"
+        self.asked += len(list(policy.parameters())) > 0
+        return {"asked": float(self.asked)}
+
+
+def test_several_judges_speak_at_every_checkpoint(store, tmp_path):
+    training, _ = _judged(store, tmp_path, epochs=6, checkpoint_every=2, log_every=1000)
+    result = fit(replace(training, judges=[*training.judges, Counting()]))
+    lines = [line for line in _lines(tmp_path) if "asked" in line]
+    assert [line["asked"] for line in lines] == [1.0, 2.0, 3.0]
+    assert all("held_out_l1" in line for line in lines)
+    assert result["metrics"]["asked"] == 3.0
+
+
 @pytest.mark.parametrize("norm", ["frozen", "batch", "group"])
 @pytest.mark.parametrize("precision", ["fp32", "bf16"])
 def test_the_weights_that_are_judged_are_those_of_the_checkpoint(store, tmp_path, precision, norm):
@@ -150,14 +170,14 @@ def test_the_weights_that_are_judged_are_those_of_the_checkpoint(store, tmp_path
     assert len(set(judged)) == 3
     for checkpoint, loss in zip(list_checkpoints(tmp_path), judged, strict=True):
         fresh.load_state_dict(load_checkpoint(checkpoint.path)[1])
-        assert training.held_out.measure(fresh, training.machine)["held_out_loss"] == pytest.approx(
+        assert training.judges[0].measure(fresh, training.machine)["held_out_loss"] == pytest.approx(
             loss, rel=1e-6
         )
 
 
 def test_judging_changes_nothing_of_the_training(store, tmp_path):
     judged, _ = _judged(store, tmp_path / "a", checkpoint_every=2)
-    unjudged = replace(_judged(store, tmp_path / "b", checkpoint_every=2)[0], held_out=None)
+    unjudged = replace(_judged(store, tmp_path / "b", checkpoint_every=2)[0], judges=[])
     fit(judged)
     fit(unjudged)
     for name, tensor in judged.policy.state_dict().items():

@@ -1,0 +1,27 @@
+"""What a training is judged by at its checkpoints. Light: importing it imports no torch."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from torch import nn
+
+    from geoprior.training.machine import Machine
+
+
+class Judge(Protocol):
+    """Measures a policy; `geoprior.training.held_out.HeldOut` is one."""
+
+    def measure(self, policy: nn.Module, machine: Machine) -> dict[str, float]:
+        """Numbers to log, by names that no other judge of the training gives.
+
+        Called in the leading process, within `geoprior.training.machine.arithmetic`. It may put the policy
+        into evaluation mode and back; weights, buffers and the order of samples stay as they are. What it
+        draws from torch's generator does not matter: every step seeds it anew.
+
+        Args:
+            policy: A `geoprior.policies.policy.Policy` on the machine's device, in training mode.
+            machine: Precision and device.
+        """
+        ...
