@@ -71,6 +71,7 @@ class Training:
         fingerprint: Of all that decides the weights at the end.
         team: The processes that take part.
         held_out: What it is judged by at every checkpoint, if anything.
+        quiet: Whether it shows no progress of its own.
     """
 
     run: str
@@ -85,6 +86,7 @@ class Training:
     fingerprint: str
     team: Team = field(default_factory=Team)
     held_out: HeldOut | None = None
+    quiet: bool = False
 
     @cached_property
     def loss(self) -> Callable[[Batch], tuple[Tensor, Mapping[str, Tensor]]]:
@@ -154,7 +156,8 @@ def _has_checkpoints(training: Training, step: int) -> bool:
 
 def _shown(training: Training, done: int) -> AbstractContextManager[Track]:
     total = training.steps * training.config.batch_size
-    return track(training.run, total, "samples", done, quiet=not training.team.leads)
+    quiet = training.quiet or not training.team.leads
+    return track(training.run, total, "samples", done, quiet=quiet)
 
 
 def _sweep(folder: Path) -> None:
