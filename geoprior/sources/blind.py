@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from geoprior.files import sha256_json
+from geoprior.sources.source import targets_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -29,7 +30,7 @@ class BlindSource:
     def __init__(self, source: Source) -> None:
         self._source = source
         self.cameras, self.hands, self.image_size = source.cameras, source.hands, source.image_size
-        self.fps, self.targets = source.fps, getattr(source, "targets", ())
+        self.fps, self.targets = source.fps, targets_of(source)
         self.digest = sha256_json({"black frames of": source.digest})
 
     @property

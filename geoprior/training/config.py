@@ -18,7 +18,7 @@ class TrainConfig(Options):
     """
 
     speed_only = frozenset({"loader_workers", "prefetch", "frame_cache_mb", "resume_seconds", "log_every"})
-    later = frozenset({"schedule", "final_rate"})
+    later = frozenset({"schedule", "final_rate", "average"})
 
     epochs: int = Field(
         256, ge=1, le=10_000_000, description="Passes over the episodes, one time step of each."
@@ -49,6 +49,13 @@ class TrainConfig(Options):
     )
     final_rate: float = Field(
         0.0, ge=0.0, le=1.0, description="What `cosine` ends with, as a share of the full learning rate."
+    )
+    average: float = Field(
+        0.0,
+        ge=0.0,
+        lt=1.0,
+        description="Checkpoints hold an exponential moving average of the weights, of which each step "
+        "leaves this share (0.995: some 200 steps); 0 saves the weights themselves.",
     )
     image_noise: float = Field(
         0.05, ge=0.0, le=1.0, description="Standard deviation of Gaussian noise on frames in [0, 1]."

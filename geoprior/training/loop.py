@@ -25,6 +25,7 @@ from geoprior.policies.checkpoint import (
     save_checkpoint,
 )
 from geoprior.progress import Track, track
+from geoprior.training.average import WeightAverage
 from geoprior.training.compiling import compile_loss
 from geoprior.training.machine import arithmetic
 from geoprior.training.optimise import make_optimizer, remedy, take_step
@@ -32,6 +33,7 @@ from geoprior.training.order import steps_until
 from geoprior.training.resume import (
     RESUME_NAME,
     Progress,
+    load_average,
     load_progress,
     require_same_training,
     save_progress,
@@ -174,6 +176,8 @@ def _run(training: Training) -> dict[str, Any]:
     progress = load_progress(training.folder, training.fingerprint, policy, optimizer) or Progress(0, 0.0, {})
     _require_same_start(training, progress.step)
     optimizer.refresh()
+    average = _begin_average(training, progress.step)
+    lasting = average.policy if average else policy
     saved = time.monotonic()
     begun = saved - progress.seconds
     due = _checkpoint_steps(training)
@@ -194,13 +198,15 @@ def _run(training: Training) -> dict[str, Any]:
             )
             if not training.team.leads:
                 continue
-            judged = _judge(training) if progress.step in due else {}
+            if average:
+                average.update(policy, progress.step)
+            judged = _judge(training, lasting) if progress.step in due else {}
             _log(training, progress.step, {**metrics, **judged}, always=bool(judged))
             for epoch in due.get(progress.step, ()):
-                _save_weights(training, epoch, progress.step)
+                _save_weights(training, lasting, epoch, progress.step)
             if progress.step in due or now - saved >= config.resume_seconds:
                 _require_finite_weights(training, progress.step)
-                save_progress(training.folder, training.fingerprint, progress, policy, optimizer)
+                save_progress(training.folder, training.fingerprint, progress, policy, optimizer, average)
                 saved = time.monotonic()
     return {
         "fingerprint": training.fingerprint,
@@ -208,7 +214,7 @@ def _run(training: Training) -> dict[str, Any]:
         "steps": progress.step,
         "samples": progress.step * batch_size,
         "seconds": round(progress.seconds, 3),
-        "metrics": finite({**progress.averages, **(_judge(training) if judged is None else judged)}),
+        "metrics": finite({**progress.averages, **(_judge(training, lasting) if judged is None else judged)}),
     }
 
 
@@ -222,12 +228,21 @@ def _require_same_start(training: Training, step: int) -> None:
         )
 
 
-def _judge(training: Training) -> dict[str, float]:
+def _begin_average(training: Training, step: int) -> WeightAverage | None:
+    """The leader's average of the weights, from where the folder says that an earlier process got."""
+    if not training.config.average or not training.team.leads:
+        return None
+    average = WeightAverage(training.policy, training.config.average, step)
+    load_average(training.folder, average.policy)
+    return average
+
+
+def _judge(training: Training, policy: nn.Module) -> dict[str, float]:
     if not training.team.leads:
         return {}
     measured: dict[str, float] = {}
     for judge in training.judges:
-        measured |= judge.measure(training.policy, training.machine)
+        measured |= judge.measure(policy, training.machine)
     return measured
 
 
@@ -251,10 +266,10 @@ def _checkpoint_steps(training: Training) -> dict[int, list[int]]:
     return due
 
 
-def _save_weights(training: Training, epoch: int, step: int) -> None:
+def _save_weights(training: Training, policy: nn.Module, epoch: int, step: int) -> None:
     _require_finite_weights(training, step)
     header = replace(training.header, epoch=epoch, step=step)
-    save_checkpoint(checkpoint_path(training.folder, epoch), lasting_tensors(training.policy), header)
+    save_checkpoint(checkpoint_path(training.folder, epoch), lasting_tensors(policy), header)
 
 
 def _require_finite_weights(training: Training, step: int) -> None:
