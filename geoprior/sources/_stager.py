@@ -161,4 +161,6 @@ def _bytes_of(shots: Mapping[str, Shot]) -> int:
     for shot in shots.values():
         for cloud in shot.clouds:
             arrays += [cloud.points, cloud.transforms_cloud_to_world]
+            if cloud.surface is not None:
+                arrays += [cloud.surface.vertices, cloud.surface.faces]
     return sum({id(array): array.nbytes for array in arrays}.values())
