@@ -1,4 +1,4 @@
-"""Draw every registered primitive, motion and variant, and write the page that shows them.
+"""Draw every registered primitive, motion and variant, and the options; write the page that shows them.
 
 GEOPRIOR_PLUGINS= python docs/make_gallery.py      the built-in ones: docs/gallery.md and docs/images/gallery
 python docs/make_gallery.py FOLDER                 those of your plug-ins too, into a folder of your own
@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from gallery_options import OPTIONS, Option, option_picture
 
 from geoprior.config import RunConfig, load_config
 from geoprior.hooks.manager import Plugins, plugins
@@ -38,8 +39,8 @@ FILM_BYTES = 300_000
 
 HEAD = """# Gallery
 
-Every primitive, motion and variant that ships with geoprior, drawn with the packaged quickstart config.
-The pictures and this page are made by
+Every primitive, motion and variant that ships with geoprior, drawn with the packaged quickstart config,
+and the options that the packaged config `sighted` sets. The pictures and this page are made by
 
     GEOPRIOR_PLUGINS= python docs/make_gallery.py
 
@@ -57,6 +58,8 @@ PRIMITIVES = """Random samples in 3-D; below each, what the hand and the third-p
 first frame of a pick."""
 MOTIONS = "A contact sheet of both cameras, then the same episode in 3-D: the whole way, and moving."
 VARIANTS = "What both cameras see of one pick as each variant leaves it."
+CHOICES = """Options of `generate.scene` and of the motions that the paper's recipe leaves alone, drawn as
+solids. In each row the objects are the same, the hand's view above the third-person one."""
 
 
 def main() -> None:
@@ -71,6 +74,8 @@ def main() -> None:
         draw_motion(config, found.resolve("motion", Choice(name=name)), folder)
     for name in found.names("variant"):
         save(folder / variant_image(name), variant_sheet(config, Choice(name=name)))
+    for option in OPTIONS:
+        save(folder / option_image(option), option_picture(option, found))
     (folder / "gallery.md").write_text(page(found), encoding="utf-8")
     size = sum(path.stat().st_size for path in (folder / IMAGES).iterdir())
     print(f"{folder / 'gallery.md'}: {size / 1e6:.2f} MB of pictures")
@@ -131,6 +136,10 @@ def _sections(found: Plugins) -> Iterator[str]:
     yield from _section(found, "primitive", "Primitives", PRIMITIVES, lambda name: [primitive_image(name)])
     yield from _section(found, "motion", "Motions", MOTIONS, motion_images)
     yield from _section(found, "variant", "Variants", VARIANTS, lambda name: [variant_image(name)])
+    yield f"## Options\n\n{CHOICES}\n"
+    for option in OPTIONS:
+        link = f"![{option.name}]({option_image(option).as_posix()})"
+        yield "\n\n".join([f"### {option.name}", option.text, link]) + "\n"
 
 
 def _section(
@@ -157,6 +166,11 @@ def motion_images(name: str) -> Sequence[Path]:
 def variant_image(name: str) -> Path:
     """Of a variant, relative to the page."""
     return IMAGES / f"variant-{name}.png"
+
+
+def option_image(option: Option) -> Path:
+    """Of an option, relative to the page."""
+    return IMAGES / f"option-{option.name}.png"
 
 
 if __name__ == "__main__":

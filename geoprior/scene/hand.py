@@ -133,6 +133,9 @@ def draw_hands(
 ) -> dict[str, Hand]:
     """Put hands above the floor, each pointing near the object, with the object in its view.
 
+    A start that points straight down (`scene.hand.down`) has the object's centre in view, any other all of
+    the object.
+
     Args:
         config: Ranges.
         names: Of the hands.
@@ -146,7 +149,7 @@ def draw_hands(
         The hands by name, in the order of the names.
 
     Raises:
-        ConfigError: No start has the whole object in view, or there is no room for a hand beside the others.
+        ConfigError: No start has the object in view, or there is no room for a hand beside the others.
     """
     cube = uniform(rng, config.cube)
     own = child(rng, "hands")
@@ -182,8 +185,8 @@ def draw_hands(
         hands[name] = draw_until(
             draw,
             fits,
-            "a hand that has the whole object in view",
-            "raise scene.hand.height or cameras.hand.vertical_fov, or lower scene.hand.aim",
+            "a hand that has the object in view",
+            "raise scene.hand.height or cameras.hand.vertical_fov, or lower scene.hand.aim or camera_pitch",
         )
     return hands
 

@@ -81,8 +81,8 @@ def draw_scene(
 ) -> Scene:
     """Draw a scene in which the first frames hold what they must.
 
-    Every hand's camera has the whole object in view at the start, the third-person camera all objects and all
-    of the hands' cubes.
+    Every hand's camera has the object in view at the start (see `draw_hands`), the third-person camera all
+    objects and all of the hands' cubes.
 
     Args:
         config: Ranges.

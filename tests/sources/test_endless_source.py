@@ -75,6 +75,31 @@ def test_fresh_episodes_are_those_of_the_next_numbers(source_of):
             assert np.array_equal(moments.frames[camera][0], frames[6])
 
 
+def test_episodes_of_several_lengths_keep_their_slots_length(source_of, tmp_path):
+    """Whatever stands in a slot later is as long as what stood there first, and the first are the shards'."""
+    config = GENERATE.model_copy(update={"seconds": (2.0, 4.0)})
+    recorded = source_of("shards", write_shards(tmp_path / "data", config))
+    endless = source_of("endless", config=config, keep=1, workers=0)
+    lengths = [len(pose) for pose in endless.poses]
+    assert lengths == [len(pose) for pose in recorded.poses]
+    assert len(set(lengths)) > 2
+    assert 20 <= min(lengths) <= max(lengths) <= 40
+    for slot, length in enumerate(lengths):
+        for epoch in range(4):
+            read(endless, [epoch * SLOTS + slot], [length - 3])
+    with pytest.raises(IndexError):
+        read(endless, [3 * SLOTS + int(np.argmin(lengths))], [min(lengths)])
+
+
+def test_the_lengths_go_by_the_sources_own_number_of_episodes(source_of):
+    config = GENERATE.model_copy(update={"seconds": (2.0, 4.0)})
+    source = source_of("endless", config=config, keep=1, workers=0, episodes=5)
+    lengths = [len(pose) for pose in source.poses]
+    assert len(lengths) == 10
+    for slot, length in enumerate(lengths):
+        read(source, [len(source) + slot], [length - 3])
+
+
 @pytest.mark.parametrize("cache_bytes", [0, 200_000])
 def test_what_a_number_stands_for_does_not_depend_on_what_is_kept_or_was_read(source_of, cache_bytes):
     numbers = [SLOTS * epoch + slot for epoch in range(6) for slot in range(SLOTS)]
