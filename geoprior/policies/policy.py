@@ -119,7 +119,7 @@ class Predictor(Protocol):
 
         Args:
             pose: (B, pose_size), the episode contract's pose vectors.
-            images: Per camera (B, H, W, 3) RGB or (B, H, W) binary frames.
+            images: Per camera (B, H, W, 3) RGB or (B, H, W) binary or gray frames.
 
         Returns:
             (B, chunk, pose_size) pose commands at the policy's rate ``fps``, quaternions of unit length,

@@ -7,13 +7,14 @@ other languages.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from geoprior.errors import DataError
 from geoprior.options import Options
+from geoprior.render.frames import FrameFormat
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
@@ -38,12 +39,28 @@ class CameraHeader(Options):
     )
     height: int = Field(ge=1, le=65_535, description="Rows in pixels.")
     width: int = Field(ge=1, le=65_535, description="Columns in pixels.")
-    channels: Literal[1, 3] = Field(description="1: binary (0 or 255); 3: RGB.")
+    channels: Literal[1, 3] = Field(description="1: binary (0 or 255), or gray; 3: RGB.")
+    bits: Literal[1, 8] | None = Field(
+        None, description="Of a pixel's channel; without it 1 of one channel and 8 of three."
+    )
     intrinsics: _ThreeRows = Field(description="(3, 3) pinhole matrix in pixels.")
     mount: str = Field(description="`world` for a fixed camera, else the name of the hand it rides on.")
     transform_camera_to_mount: _FourRows = Field(
         description="(4, 4); the camera looks along +z, +x right, +y down; metres."
     )
+
+    @property
+    def frame_format(self) -> FrameFormat:
+        """Kind and size of its frames."""
+        if self.channels == 3:
+            return FrameFormat("rgb", self.height, self.width)
+        return FrameFormat("gray" if self.bits == 8 else "binary", self.height, self.width)
+
+    @model_validator(mode="after")
+    def _refuse_coloured_bits(self) -> Self:
+        if (self.channels, self.bits) == (3, 1):
+            raise ValueError("bits: a camera of 3 channels has 8 bits a channel")
+        return self
 
 
 class EpisodeHeader(Options):
@@ -81,7 +98,8 @@ class Episode:
             ``gripper``: 0 open, 1 closed.
         action: (N, 8 x hands) float32: the pose commanded at step t, in the same terms. For synthetic
             data it is the pose at step t + 1 (the last one repeats).
-        images: Per camera (N, H, W) uint8 with 0 and 255 only, or (N, H, W, 3) uint8 RGB; top row first.
+        images: Per camera (N, H, W) uint8, of a binary camera with 0 and 255 only, or (N, H, W, 3) uint8
+            RGB; top row first.
         targets: (N, T) float32, named by the header's `targets`, NaN where there is none; None without names.
     """
 
@@ -154,7 +172,7 @@ def validate_targets(header: EpisodeHeader, targets: NDArray[np.float32] | None)
 
 def _validate_images(header: EpisodeHeader, camera: CameraHeader, images: NDArray[np.uint8]) -> None:
     where = f"{header.key}.{camera.name}"
-    frame = (camera.height, camera.width) + ((3,) if camera.channels == 3 else ())
+    frame = camera.frame_format.shape
     if images.shape != (header.steps, *frame) or images.dtype != np.uint8:
         raise DataError(
             f"{where}: expected uint8 {(header.steps, *frame)}, found {images.dtype} {images.shape}"

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geoprior.errors import DataError
+from geoprior.render.frames import FrameFormat
 from geoprior.shards.archive import Member
 from geoprior.shards.codec import decode_header, decode_npy, decode_png
 from geoprior.shards.episode import EpisodeHeader, validate_poses, validate_targets
@@ -19,7 +20,7 @@ from geoprior.shards.index import (
     POSE,
     TARGETS,
     SampleMembers,
-    frame_shapes,
+    frame_formats,
     frame_suffixes,
     member_faults,
 )
@@ -52,8 +53,8 @@ def sample_faults(sample: SampleMembers, read: Read) -> Iterator[str]:
         check = partial(validate_poses, header, suffix)
         yield from _array_faults(sample, header, suffix, read, check)
     yield from _array_faults(sample, header, TARGETS, read, partial(validate_targets, header))
-    for name, shape in frame_shapes(header).items():
-        yield from _frame_faults(sample, name, header.steps, shape, read)
+    for name, frame in frame_formats(header).items():
+        yield from _frame_faults(sample, name, header.steps, frame, read)
 
 
 def _array_faults(
@@ -76,10 +77,10 @@ def _array_faults(
 
 
 def _frame_faults(
-    sample: SampleMembers, camera: str, steps: int, shape: tuple[int, ...], read: Read
+    sample: SampleMembers, camera: str, steps: int, frame: FrameFormat, read: Read
 ) -> Iterator[str]:
     def decode(data: bytes) -> NDArray[np.uint8]:
-        return decode_png(data, shape)
+        return decode_png(data, frame)
 
     for suffix in frame_suffixes(camera, min(steps, len(sample.members))):
         member = sample.members.get(suffix)

@@ -9,6 +9,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from geoprior.errors import DataError
+from geoprior.render.frames import FrameFormat
 from geoprior.shards.archive import REMEDY, Member, read_members
 from geoprior.shards.episode import EpisodeHeader
 
@@ -44,12 +45,9 @@ def expected_suffixes(cameras: tuple[str, ...], steps: int, *, targets: bool = F
     return frozenset([HEADER, POSE, ACTION, *([TARGETS] if targets else []), *frames])
 
 
-def frame_shapes(header: EpisodeHeader) -> dict[str, tuple[int, ...]]:
-    """Shape of one frame of each camera: (H, W) if binary, (H, W, 3) if RGB."""
-    return {
-        camera.name: (camera.height, camera.width) + ((3,) if camera.channels == 3 else ())
-        for camera in header.cameras
-    }
+def frame_formats(header: EpisodeHeader) -> dict[str, FrameFormat]:
+    """Kind and size of each camera's frames."""
+    return {camera.name: camera.frame_format for camera in header.cameras}
 
 
 def index_shard(path: Path) -> list[SampleMembers]:

@@ -20,7 +20,7 @@ from geoprior.shards.index import (
     POSE,
     TARGETS,
     SampleMembers,
-    frame_shapes,
+    frame_formats,
     frame_suffixes,
     index_shard,
     member_faults,
@@ -61,7 +61,7 @@ class EpisodeStore:
         path: As given.
         manifest: Of the folder, or made up for one tar.
         cameras: Names of the cameras, in alphabetical order.
-        frame_shapes: Per camera (H, W) if binary, (H, W, 3) if RGB.
+        frame_formats: Kind and size of each camera's frames.
         hands: Names of the hands, in pose order.
         fps: Time steps a second.
         target_names: What the numbers of `targets` are; none where the episodes have none.
@@ -80,8 +80,8 @@ class EpisodeStore:
         self._files = SpanReader(files)
         self._entries: list[_Entry] = []
         first = self._index_all()
-        self.frame_shapes = frame_shapes(first)
-        self.cameras = tuple(self.frame_shapes)
+        self.frame_formats = frame_formats(first)
+        self.cameras = tuple(self.frame_formats)
         self.hands = tuple(first.hands)
         self.fps = first.fps
         self.target_names = tuple(first.targets)
@@ -93,6 +93,11 @@ class EpisodeStore:
     def keys(self) -> tuple[str, ...]:
         """Keys of the episodes."""
         return tuple(entry.key for entry in self._entries)
+
+    @property
+    def frame_shapes(self) -> dict[str, tuple[int, ...]]:
+        """Per camera (H, W) if binary or gray, (H, W, 3) if RGB."""
+        return {name: frame.shape for name, frame in self.frame_formats.items()}
 
     @property
     def image_size(self) -> tuple[int, int]:
@@ -157,24 +162,24 @@ class EpisodeStore:
             steps: S time steps in [0, N), in any order, repeated or not.
 
         Returns:
-            (S, H, W) uint8, 0 or 255, or (S, H, W, 3) RGB.
+            (S, H, W) uint8, of a binary camera 0 or 255, or (S, H, W, 3) RGB.
 
         Raises:
             IndexError: A step is outside the episode.
             DataError: There is no such camera, or a frame is damaged.
         """
-        if camera not in self.frame_shapes:
+        if camera not in self.frame_formats:
             raise DataError(f"{self.path}: no camera {camera!r}", f"choices: {', '.join(self.cameras)}")
-        entry, shape = self._entries[i], self.frame_shapes[camera]
+        entry, frame = self._entries[i], self.frame_formats[camera]
         spans = entry.frames[camera]
         suffixes = frame_suffixes(camera, len(spans))
-        frames = np.empty((len(steps), *shape), np.uint8)
+        frames = np.empty((len(steps), *frame.shape), np.uint8)
         for row, step in enumerate(steps):
             if not 0 <= step < len(spans):
                 raise IndexError(f"{entry.key}: step {step} is not in 0 to {len(spans) - 1}")
             offset, size = spans[step].tolist()
             member = Member(f"{entry.key}.{suffixes[step]}", offset, size)
-            frames[row] = self._read(entry.shard, member, lambda data: decode_png(data, shape))
+            frames[row] = self._read(entry.shard, member, lambda data: decode_png(data, frame))
         return frames
 
     def episode(self, i: int) -> Episode:
@@ -236,7 +241,7 @@ def _entry(shard: int, sample: SampleMembers, header: EpisodeHeader) -> _Entry:
 
 def _layout(header: EpisodeHeader) -> dict[str, Any]:
     return {
-        "cameras": frame_shapes(header),
+        "cameras": {name: str(frame) for name, frame in frame_formats(header).items()},
         "hands": header.hands,
         "fps": header.fps,
         "targets": header.targets,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import groupby
@@ -17,10 +18,11 @@ from geoprior.geometry.seeding import generator, integer_seed
 from geoprior.hooks.manager import plugins
 from geoprior.motions.trajectory import ways_of_objects
 from geoprior.options import recipe_tree
-from geoprior.render import rig
+from geoprior.render import frames, rig
 from geoprior.render.variation import vary
 from geoprior.scene.mesh import extents
 from geoprior.scene.objects import OBJECT
+from geoprior.scene.ranges import uniform
 from geoprior.scene.scene import draw_scene
 from geoprior.shards.episode import WORLD, CameraHeader, Episode, EpisodeHeader, can_be_told_apart
 from geoprior.shards.others import others_of, require_known_objects
@@ -38,6 +40,7 @@ if TYPE_CHECKING:
     from geoprior.motions.trajectory import Trajectory
     from geoprior.options import Choice
     from geoprior.render.clouds import Shot
+    from geoprior.render.frames import FrameKind
     from geoprior.scene.config import OtherConfig
     from geoprior.scene.mesh import Mesh
     from geoprior.scene.objects import SceneObject
@@ -94,22 +97,31 @@ class Studio:
         config: The data set's config.
         cameras: Lenses and size of the frames.
         seed: Root seed.
+        episodes: Of each motion in an epoch; see `steps_of`. None takes the config's.
 
     Raises:
         ConfigError: A name or an option is unknown, or the config's motions do not move the same hands.
         PluginError: See `hands_of`.
     """
 
-    def __init__(self, config: GenerateConfig, cameras: CamerasConfig, seed: int) -> None:
+    def __init__(
+        self, config: GenerateConfig, cameras: CamerasConfig, seed: int, episodes: int | None = None
+    ) -> None:
         self.config, self.cameras, self.seed = config, cameras, seed
+        self._episodes = episodes
         build = plugins().build
         self.renderer: Renderer = build("renderer", config.renderer)
+        self.frames: FrameKind = frames.frame_kind(self.renderer, config.renderer.name)
         self._primitives: dict[str, Primitive] = {}
         for choice in config.primitives:
             self._primitive(choice)
         self._variants: list[Variant] = [build("variant", choice) for choice in config.variants]
         self._plans: dict[str, _Plan] = {}
         _require_same_hands(config.motions)
+
+    def steps(self, motion: Choice, index: int) -> int:
+        """N, the time steps of an episode; see `stage` and `steps_of`."""
+        return steps_of(self.config, self.seed, motion, index, self._episodes)
 
     def stage(self, motion: Choice, index: int) -> Take:
         """Draw the scene and plan the motion of one episode, without rendering it.
@@ -131,7 +143,7 @@ class Studio:
         }
         beside = {name: (where, drawn[name][1]) for name, where in plan.others.items()}
         scene = draw_scene(self.config.scene, self.cameras, mesh, rng, plan.hands, beside)
-        trajectory = plan.motion.plan(scene, self.config.steps, rng)
+        trajectory = plan.motion.plan(scene, self.steps(motion, index), rng)
         if tuple(trajectory.hands) != plan.hands:
             raise PluginError(
                 f"motion {motion.name!r}: planned ways for {list(trajectory.hands)}, its spec names "
@@ -147,19 +159,30 @@ class Studio:
         """Make one episode as it is written; its frames are drawn when they are asked for. See `stage`."""
         take = self.stage(motion, index)
         header, pose = self._header_and_pose(take, motion, index)
-        frames = {name: partial(self._blocks, shot) for name, shot in take.shots.items()}
-        return Sample(header, pose, next_poses(pose), frames, self.targets(take))
+        blocks = {name: partial(self._blocks, shot) for name, shot in take.shots.items()}
+        return Sample(header, pose, next_poses(pose), blocks, self.targets(take))
 
     def episode(self, motion: Choice, index: int) -> Episode:
         """Make one episode in memory; see `stage`."""
         take = self.stage(motion, index)
         header, pose = self._header_and_pose(take, motion, index)
-        images = {name: rig.render(self.renderer, shot) for name, shot in take.shots.items()}
+        images = {
+            name: frames.unpacked(self.frames, self.draw(shot), shot.view.width)
+            for name, shot in take.shots.items()
+        }
         return Episode(header, pose, next_poses(pose), images, self.targets(take))
 
     def targets(self, take: Take) -> NDArray[np.float32] | None:
         """(N, T) targets of an episode, or None where the config wants none; see `compute_targets`."""
         return compute_targets(take.trajectory, take.shots) if self.config.targets else None
+
+    def draw(self, shot: Shot) -> NDArray[np.uint8]:
+        """Draw a shot as the config's renderer does; see `geoprior.render.frames.draw`.
+
+        Raises:
+            PluginError: The renderer's frames are not what it says that it draws.
+        """
+        return frames.draw(self.renderer, shot, self.config.renderer.name)
 
     def recipe(self, motion: Choice) -> str:
         """See `recipe`."""
@@ -188,10 +211,9 @@ class Studio:
         return self._plans[key]
 
     def _blocks(self, shot: Shot) -> Iterator[NDArray[np.uint8]]:
-        frame_bytes = shot.view.height * -(-shot.view.width // 8)
-        for steps in block_slices(shot.steps, frame_bytes):
-            part = shot.at(steps)
-            yield self.renderer.render(part.clouds, part.view, part.steps)
+        frame = frames.FrameFormat(self.frames, shot.view.height, shot.view.width)
+        for steps in block_slices(shot.steps, math.prod(frame.drawn_shape)):
+            yield self.draw(shot.at(steps))
 
     def _header_and_pose(
         self, take: Take, motion: Choice, index: int
@@ -207,7 +229,7 @@ class Studio:
             fps=config.fps,
             steps=len(pose),
             hands=list(take.trajectory.hands),
-            cameras=_camera_headers(take),
+            cameras=_camera_headers(take, self.frames),
             targets=list(
                 target_names(tuple(take.trajectory.hands), tuple(take.shots)) if config.targets else ()
             ),
@@ -258,6 +280,25 @@ def _require_same_hands(motions: Sequence[Choice]) -> None:
             )
 
 
+def steps_of(
+    config: GenerateConfig, seed: int, motion: Choice, index: int, episodes: int | None = None
+) -> int:
+    """N, the time steps of one episode.
+
+    Args:
+        config: The data set's config.
+        seed: Root seed.
+        motion: The episode's motion.
+        index: Its number within the motion.
+        episodes: Of each motion in an epoch: an episode is as long as the one that has its place in the first
+            epoch. None takes the config's.
+    """
+    if not isinstance(config.seconds, tuple):
+        return config.steps
+    rng = generator(seed, "duration", motion.name, index % (episodes or config.episodes))
+    return round(config.fps * uniform(rng, config.seconds))
+
+
 def next_poses(pose: NDArray[np.float32]) -> NDArray[np.float32]:
     """Actions (N, 8 x hands): the pose at the next step; the last repeats."""
     return np.concatenate([pose[1:], pose[-1:]])
@@ -278,25 +319,26 @@ def _named_variants(config: GenerateConfig) -> dict[str, list[str]]:
     return {"variants": [variant.name for variant in config.variants]} if config.variants else {}
 
 
-def _camera_headers(take: Take) -> list[CameraHeader]:
+def _camera_headers(take: Take, kind: FrameKind) -> list[CameraHeader]:
     scene = take.scene
     third = invert(scene.third_view.transforms_world_to_camera)
-    headers = [_camera_header(rig.THIRD, scene.third_view, WORLD, third)]
+    headers = [_camera_header(rig.THIRD, kind, scene.third_view, WORLD, third)]
     headers += [
-        _camera_header(name, hand.view, name, hand.transform_camera_to_hand)
+        _camera_header(name, kind, hand.view, name, hand.transform_camera_to_hand)
         for name, hand in scene.hands.items()
     ]
     return sorted(headers, key=lambda header: header.name)
 
 
 def _camera_header(
-    name: str, view: View, mount: str, transform_camera_to_mount: NDArray[np.float64]
+    name: str, kind: FrameKind, view: View, mount: str, transform_camera_to_mount: NDArray[np.float64]
 ) -> CameraHeader:
     return CameraHeader(
         name=name,
         height=view.height,
         width=view.width,
-        channels=1,
+        channels=3 if kind == "rgb" else 1,
+        bits=8 if kind == "gray" else None,
         intrinsics=view.intrinsics.tolist(),
         mount=mount,
         transform_camera_to_mount=transform_camera_to_mount.tolist(),

@@ -61,8 +61,8 @@ def info(path: Path) -> dict[str, Any]:
 
     Returns:
         ``path``, ``shards``, ``episodes``, ``steps``, ``bytes``, ``fps``, ``hands``, ``cameras`` (rows,
-        columns, channels of each), ``targets`` (their names), ``motions``, ``sources`` and ``generators``
-        (episodes of each), and ``digest``.
+        columns, channels of each), ``frames`` (``binary``, ``gray`` or ``rgb`` of each), ``targets``,
+        ``motions``, ``sources`` and ``generators`` (episodes of each), and ``digest``.
 
     Raises:
         DataError: It cannot be opened; see `EpisodeStore`.
@@ -78,6 +78,7 @@ def info(path: Path) -> dict[str, Any]:
         "fps": store.fps,
         "hands": list(store.hands),
         "cameras": {name: [*shape[:2], *(shape[2:] or (1,))] for name, shape in store.frame_shapes.items()},
+        "frames": {name: frame.kind for name, frame in store.frame_formats.items()},
         "targets": list(store.target_names),
         "motions": dict(sorted(Counter(header.motion for header in headers).items())),
         "sources": dict(sorted(Counter(header.source for header in headers).items())),

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from geoprior.geometry.camera import CamerasConfig
     from geoprior.render.clouds import Shot
+    from geoprior.render.frames import FrameKind
     from geoprior.shards.config import GenerateConfig
 
 
@@ -30,12 +31,15 @@ class StagerConfig:
         cameras: Lenses and size of the frames.
         seed: Root seed.
         cache_bytes: Memory for staged episodes.
+        episodes: Of each motion in an epoch, so that a slot's episodes are of one length; None takes the
+            config's.
     """
 
     generate: GenerateConfig
     cameras: CamerasConfig
     seed: int
     cache_bytes: int
+    episodes: int | None = None
 
 
 @dataclass(frozen=True)
@@ -60,7 +64,7 @@ class Stager:
     """
 
     def __init__(self, config: StagerConfig) -> None:
-        self._studio = Studio(config.generate, config.cameras, config.seed)
+        self._studio = Studio(config.generate, config.cameras, config.seed, config.episodes)
         self._generate = config.generate
         self._room = config.cache_bytes
         self._kept: dict[int, _Staged] = {}
@@ -68,6 +72,10 @@ class Stager:
     def cameras(self) -> tuple[str, ...]:
         """Names of the cameras of every episode."""
         return tuple(self._staged(0, 0).shots)
+
+    def frames(self) -> FrameKind:
+        """What the frames of `moments` are."""
+        return self._studio.frames
 
     def trajectories(
         self, slots: Sequence[int], episodes: Sequence[int]
@@ -89,10 +97,10 @@ class Stager:
             steps: (B, C); see `geoprior.sources.source.Source.read`.
 
         Returns:
-            Its frames are packed: (B, H, ceil(W / 8)).
+            Its frames are as the renderer draws them: binary ones are packed.
 
         Raises:
-            GeopriorError: An episode cannot be staged.
+            GeopriorError: An episode cannot be staged or drawn.
         """
         staged = [self._staged(slot, episode) for slot, episode in zip(slots, episodes, strict=True)]
         times = steps[:, 0].tolist()
@@ -109,8 +117,7 @@ class Stager:
         )
 
     def _draw(self, shot: Shot, time: int) -> NDArray[np.uint8]:
-        moment = shot.at(slice(time, time + 1))
-        return self._studio.renderer.render(moment.clouds, moment.view, moment.steps)
+        return self._studio.draw(shot.at(slice(time, time + 1)))
 
     def _staged(self, slot: int, episode: int) -> _Staged:
         kept = self._kept.get(slot)
@@ -129,10 +136,10 @@ class Stager:
         motion = self._generate.motions[turn]
         take = self._studio.stage(motion, index)
         pose = take.trajectory.pose()
-        if len(pose) != self._generate.steps:
+        steps = self._studio.steps(motion, index)
+        if len(pose) != steps:
             raise PluginError(
-                f"motion {motion.name!r}: planned {len(pose)} time steps where {self._generate.steps} were "
-                "asked for",
+                f"motion {motion.name!r}: planned {len(pose)} time steps where {steps} were asked for",
                 "mend the plug-in, or train on the source `shards`",
             )
         action = next_poses(pose)

@@ -42,7 +42,7 @@ class Moments:
     Attributes:
         pose: (B, pose_size) float32, where the hands are.
         action: (B, C, pose_size) float32, what is commanded at C time steps of the moment's episode.
-        frames: Per camera (B, H, W) uint8, 0 or 255, or (B, H, W, 3) RGB.
+        frames: Per camera (B, H, W) uint8, binary (0 or 255) or gray, or (B, H, W, 3) RGB.
         targets: (B, T) float32 of what the source's `targets` names, NaN where there is none; None without.
     """
 
