@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import torch
@@ -25,7 +26,7 @@ from geoprior.policies.policy import PolicyOptions
 from geoprior.shards.reader import EpisodeStore
 from geoprior.sources.shards import ShardSource
 from geoprior.sources.source import SourceContext, targets_of
-from geoprior.training.config import ConditionConfig, TrainConfig
+from geoprior.training.config import ConditionConfig, PretrainConfig, TrainConfig
 from geoprior.training.data import Batches, features_of, split_slots, statistics_of
 from geoprior.training.held_out import HeldOut
 from geoprior.training.loop import Training, fit
@@ -33,7 +34,7 @@ from geoprior.training.machine import Machine, decide_machine, require_device
 from geoprior.training.team import team
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable
     from pathlib import Path
 
     from torch import nn
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
     from geoprior.policies.policy import Features
     from geoprior.shards.config import GenerateConfig
     from geoprior.sources.source import Source
-    from geoprior.training.config import FinetuneConfig, PretrainConfig
+    from geoprior.training.config import FinetuneConfig
 
 _MACHINES = frozenset({"threads", "precision", "device"})
 """Fields that say what the machine shall be; what it is decides."""
@@ -99,7 +100,6 @@ def pretrain(
     begin = ConditionConfig(init=config.init)
     job = Job("pretrain", integer_seed(seed, "pretrain"), begin, None, out)
     with closing(plugins().build("source", config.source, context)) as source:
-        _require_targets(policy, source)
         return train(config, job, policy, source, _machine(config, out))
 
 
@@ -145,7 +145,13 @@ def train(config: TrainConfig, job: Job, choice: Choice, source: Source, machine
     features = features_of(source, options.chunk, targets=options.uses_targets)
     fps = source.fps / config.skip
     slots, aside = split_slots(len(source), config.held_out, job.seed)
-    statistics = _statistics(job, source, slots)
+    if isinstance(config, PretrainConfig):
+        _require_targets(choice.name, options, source)
+    _require_same_actions(job, options)
+    own = partial(
+        statistics_of, source, slots, actions=options.actions, chunk=options.chunk, skip=config.skip
+    )
+    statistics = _statistics(job, source, own)
     policy = build_policy(choice, features, job.seed)
     transfer = _transfer(job, policy, choice.name, fps)
     aside_from = set(type(config).model_fields) - set(TrainConfig.model_fields)
@@ -161,7 +167,7 @@ def train(config: TrainConfig, job: Job, choice: Choice, source: Source, machine
         "data": {"digest": source.digest, "episodes": len(slots)},
         "transfer": transfer,
     }
-    normaliser = Normaliser(statistics)
+    normaliser = Normaliser(statistics, actions=options.actions)
     batches = Batches(source, features, normaliser, config, job.seed, slots)
     training = Training(
         run=job.run,
@@ -224,23 +230,39 @@ def _options(choice: Choice) -> PolicyOptions:
     return options
 
 
-def _require_targets(choice: Choice, source: Source) -> None:
+def _require_targets(name: str, options: PolicyOptions, source: Source) -> None:
     """Refuse to pretrain a policy that would learn targets on data that have none.
 
     Raises:
         ConfigError: The policy is named.
     """
-    if _options(choice).uses_targets and not targets_of(source):
+    if options.uses_targets and not targets_of(source):
         raise ConfigError(
-            f"policy {choice.name!r}: it shall learn targets in pretraining, and the data have none",
+            f"policy {name!r}: it shall learn targets in pretraining, and the data have none",
             "set generate.targets to true and generate anew, or policy.target_weight to 0",
         )
 
 
-def _statistics(job: Job, source: Source, slots: Sequence[int]) -> Statistics:
+def _require_same_actions(job: Job, options: PolicyOptions) -> None:
+    """Refuse weights or statistics of actions of another kind.
+
+    Raises:
+        DataError: The prior is named.
+    """
+    if job.prior is None or (job.condition.weights == "trunk" and job.condition.statistics == "new"):
+        return
+    theirs = read_header(job.prior).actions
+    if theirs != options.actions:
+        raise DataError(
+            f"{job.prior}: the prior's actions are {theirs}, this training's {options.actions}",
+            f"set policy.actions to {theirs}, or take the trunk's weights only, with new statistics",
+        )
+
+
+def _statistics(job: Job, source: Source, own: Callable[[], Statistics]) -> Statistics:
     kind = job.condition.statistics
     if job.prior is None or kind == "new":
-        return statistics_of(source, slots)
+        return own()
     prior = read_header(job.prior)
     if prior.features.hands != source.hands:
         raise DataError(
@@ -249,7 +271,7 @@ def _statistics(job: Job, source: Source, slots: Sequence[int]) -> Statistics:
             "set the condition's statistics to new",
         )
     pretrained = Normaliser(prior.statistics).statistics
-    return pretrained if kind == "pretrained" else merge(pretrained, statistics_of(source, slots))
+    return pretrained if kind == "pretrained" else merge(pretrained, own())
 
 
 def _transfer(job: Job, policy: nn.Module, name: str, fps: float) -> dict[str, Any]:
