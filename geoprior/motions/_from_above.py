@@ -154,11 +154,11 @@ def nearest_angle(angles: FloatArray, to: float) -> float:
 
 def _nearest_heading(scene: Scene, slenderness: float) -> float:
     """The up axis' heading whose fingers close along a slender side: right is a quarter turn ahead of up."""
-    x, y, _ = extents(scene.object.mesh)
-    along_x, along_y = scene.object.yaw + 0.5 * np.pi, scene.object.yaw
-    sides = [along_x] * (x <= slenderness * y) + [along_y] * (y <= slenderness * x)
-    angles = np.array(sides)[:, None] + np.array([0.0, np.pi])
-    return nearest_angle(angles.ravel(), heading_of(scene.hand.transform_hand_to_world[:3, :3]))
+    sizes = extents(scene.object.mesh)[:2]
+    along = scene.object.yaw + np.array([0.5 * np.pi, 0.0])
+    slender = along[sizes <= slenderness * sizes[::-1]]
+    angles = np.concatenate([slender, slender + np.pi])
+    return nearest_angle(angles, heading_of(scene.hand.transform_hand_to_world[:3, :3]))
 
 
 def _leaning(heading: float, tilt: float, rng: np.random.Generator) -> FloatArray:

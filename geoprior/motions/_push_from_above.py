@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 _OVER = 0.02
 """Metres between the object's top and the lowest point of a hand that goes to behind it."""
+_BESIDE = 0.001
+"""Metres above the object's top: what of the hand is higher than this does not push."""
 
 
 class PushFromAbove(CourseOptions):
@@ -104,7 +106,7 @@ def push_from_above(
     lowest = min(float(each[:, 2].min()) for each in solids)
     height = scene.floor.height + uniform(rng, options.height) - min(lowest, 0.0)
     top = centre[2] + 0.5 * float(extents(scene.object.mesh)[2])
-    low = [each for each in solids if each[:, 2].min() + height < top + _OVER]
+    low = [each for each in solids if each[:, 2].min() + height < top + _BESIDE]
     ahead = max(float((each @ direction).max()) for each in low) if low else 0.0
     back = float(np.max((scene.object.vertices - centre) @ -direction)) + gap + ahead
     touch = np.array([*(centre - back * direction)[:2], height])

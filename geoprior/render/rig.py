@@ -1,7 +1,8 @@
 """The cameras of a synthetic episode and what each of them sees.
 
-Each hand carries a camera that bears the hand's name. It sees floor, objects, marker, the other hands' cubes
-and all fingers, never its own hand's cube. ``third`` is fixed and sees those and every hand's cube.
+Each hand carries a camera that bears the hand's name. It sees floor, objects, marker, distractors, the other
+hands' cubes and all fingers, never its own hand's cube. ``third`` is fixed and sees those, every hand's cube
+and the arms.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 
     from geoprior.hooks.types import Renderer
     from geoprior.motions.trajectory import HandWay, Trajectory
+    from geoprior.scene.arm import Arm
     from geoprior.scene.hand import Hand
     from geoprior.scene.scene import Scene
 
@@ -48,9 +50,14 @@ def shots(scene: Scene, trajectory: Trajectory, seed: int = 0) -> dict[str, Shot
     if trajectory.marker_points is not None:
         seen.append(Cloud("marker", trajectory.marker_points, world, flat_hull(trajectory.marker_points)))
     ways = trajectory.hands
+    seen += [
+        Cloud("distractor", each.points, each.transform_object_to_world, each.mesh)
+        for each in scene.bystanders
+    ]
     cubes = {name: _cube(hand, ways[name]) for name, hand in scene.hands.items()}
     seen += [finger for name, hand in scene.hands.items() for finger in _fingers(hand, ways[name])]
-    made = {THIRD: Shot(scene.third_view, (*seen, *cubes.values()), trajectory.steps, seed)}
+    arms = [link for name, arm in scene.arms.items() for link in _arm(arm, scene.hands[name], ways[name])]
+    made = {THIRD: Shot(scene.third_view, (*seen, *cubes.values(), *arms), trajectory.steps, seed)}
     for name, hand in scene.hands.items():
         others = (cube for other, cube in cubes.items() if other != name)
         made[name] = Shot(_riding(hand, ways[name]), (*seen, *others), trajectory.steps, seed)
@@ -71,6 +78,11 @@ def _fingers(hand: Hand, way: HandWay) -> Iterator[Cloud]:
     for solid, side in zip(fingers.pair(), (1.0, -1.0), strict=True):
         at = way.transforms_hand_to_world @ make_transform(np.eye(3), side * aside)
         yield Cloud("finger", box_points(solid, fingers.points), at, solid)
+
+
+def _arm(arm: Arm, hand: Hand, way: HandWay) -> Iterator[Cloud]:
+    for solid, at in arm.boxes(hand, way.transforms_hand_to_world):
+        yield Cloud("arm", box_points(solid, arm.points), at, solid)
 
 
 def _riding(hand: Hand, way: HandWay) -> View:

@@ -9,7 +9,7 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from geoprior.report import words
+from geoprior.report import controls, words
 from geoprior.report.headline import caution, explanation, headline, readings
 from geoprior.report.palette import colours_of
 from geoprior.study.schema import (
@@ -86,6 +86,7 @@ class GroupSection:
     rows: Sequence[Row]
     reasons: Sequence[ReasonRow]
     failures: Sequence[int]
+    gain_sentences: Sequence[str]
 
 
 @dataclass(frozen=True)
@@ -112,6 +113,7 @@ def group_section(group: GroupResult, picture: Picture, confidence: float) -> Gr
         rows=_rows(group),
         reasons=reasons,
         failures=failures,
+        gain_sentences=controls.sentences(group),
     )
 
 
@@ -152,6 +154,9 @@ def render(
             "points",
             "points_interval",
         )
+    }
+    environment.filters |= {
+        name: getattr(controls, name) for name in ("share_percent", "share_percent_interval")
     }
     return environment.get_template("report.html").render(
         results=results,

@@ -12,13 +12,16 @@ from pydantic import Field, model_validator
 
 from geoprior.options import Choice, Options
 from geoprior.scene.ranges import (
+    CountRange,
     DegreeRange,
     DistanceOrRange,
     DistanceRange,
     ElevationRange,
+    FractionRange,
     HeightRange,
     LengthRange,
     OffsetRange,
+    SlackRange,
 )
 
 _SHORTEST_FINGER = 0.01
@@ -178,8 +181,53 @@ class MarkerConfig(Options):
     distance: DistanceRange = Field((0.12, 0.25), description="From the object to the marker, metres.")
 
 
+class ArmConfig(Options):
+    """An arm of boxes that the third-person camera sees; see `geoprior.scene.arm`."""
+
+    distance: LengthRange = Field(
+        (0.5, 0.7), description="From the workspace's middle to the arm's column, metres."
+    )
+    bearing: DegreeRange = Field(
+        (-25.0, 25.0), description="Of the column about z, from -x, where robots stand, degrees."
+    )
+    shoulder: LengthRange = Field((0.25, 0.45), description="Height of the column, metres.")
+    thickness: LengthRange = Field((0.06, 0.12), description="Of the links, metres.")
+    wrist: LengthRange = Field(
+        (0.05, 0.12), description="From the hand's cube to where the second link ends, metres."
+    )
+    upper: FractionRange = Field((0.45, 0.55), description="Share of the first link in the length of both.")
+    slack: SlackRange = Field(
+        (1.05, 1.35),
+        description="Length of both links, as a multiple of the farthest that they reach in the episode.",
+    )
+    swivel: DegreeRange = Field((-50.0, 50.0), description="The elbow points aside from up by this, degrees.")
+    points: int = Field(6, ge=2, le=100, description="Points along an edge of a box.")
+
+
+class DistractorsConfig(Options):
+    """Solids that have nothing to do with what happens; see `geoprior.scene.bystanders`."""
+
+    count: CountRange = Field((0, 2), description="How many; one that finds no room is left out.")
+    primitives: list[Choice] = Field(
+        default=[], description="Solids, each as likely; none named: those of the data set."
+    )
+    distance: LengthRange = Field(
+        (0.26, 0.45),
+        description="From the workspace's middle, metres: where no object lies, so that the one that is "
+        "meant can be told.",
+    )
+    gap: float = Field(
+        0.03,
+        ge=0.0,
+        le=1.0,
+        description="Least distance, seen from above, to each other and to all that is or happens, metres.",
+    )
+
+
 class SceneConfig(Options):
     """A floor, an object, the hands, and the camera that watches them; a motion may add further objects."""
+
+    later = frozenset({"arm", "distractors"})
 
     floor: FloorConfig = Field(default_factory=FloorConfig, description="The floor plane.")
     object: ObjectConfig = Field(default_factory=ObjectConfig, description="The object.")
@@ -188,6 +236,10 @@ class SceneConfig(Options):
         default_factory=ThirdCameraConfig, description="The third-person camera."
     )
     marker: MarkerConfig = Field(default_factory=MarkerConfig, description="The marker, where there is one.")
+    arm: ArmConfig | None = Field(None, description="An arm of boxes at each hand; null draws none.")
+    distractors: DistractorsConfig | None = Field(
+        None, description="Solids that lie about, out of the way; null draws none."
+    )
     margin: float = Field(
         0.02,
         ge=0.0,

@@ -13,6 +13,7 @@ from geoprior.geometry.camera import pinhole_intrinsics
 from geoprior.geometry.projection import View, in_view
 from geoprior.geometry.se3 import apply, invert, look_at
 from geoprior.geometry.seeding import child
+from geoprior.scene.arm import Arm, draw_arm
 from geoprior.scene.floor import Floor, draw_floor
 from geoprior.scene.hand import HAND, Hand, draw_hands
 from geoprior.scene.objects import OBJECT, WORLD_UP, SceneObject, draw_beside, draw_object
@@ -45,6 +46,8 @@ class Scene:
         marker: How a motion that has a goal draws it.
         margin: What must be in a view stays this far from its edges, in frame heights.
         others: Further objects at rest, by the names that the motion's spec gives them.
+        arms: What carries the hands, by the hands' names; none where none is drawn.
+        bystanders: Solids at rest that have nothing to do with what happens.
     """
 
     floor: Floor
@@ -54,6 +57,8 @@ class Scene:
     marker: MarkerConfig
     margin: float
     others: Mapping[str, SceneObject] = field(default_factory=dict)
+    arms: Mapping[str, Arm] = field(default_factory=dict)
+    bystanders: Sequence[SceneObject] = ()
 
     @property
     def objects(self) -> dict[str, SceneObject]:
@@ -110,6 +115,7 @@ def draw_scene(
         marker=config.marker,
         margin=config.margin,
         others=beside,
+        arms={name: draw_arm(config.arm, floor, child(rng, "arm", name)) for name in hands if config.arm},
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import groupby
 from typing import TYPE_CHECKING, Any, cast
@@ -14,12 +14,13 @@ from geoprior import __version__
 from geoprior.errors import ConfigError, PluginError
 from geoprior.files import sha256_json
 from geoprior.geometry.se3 import invert
-from geoprior.geometry.seeding import generator, integer_seed
+from geoprior.geometry.seeding import child, generator, integer_seed
 from geoprior.hooks.manager import plugins
 from geoprior.motions.trajectory import ways_of_objects
 from geoprior.options import recipe_tree
 from geoprior.render import frames, rig
 from geoprior.render.variation import vary
+from geoprior.scene.bystanders import draw_bystanders
 from geoprior.scene.mesh import extents
 from geoprior.scene.objects import OBJECT
 from geoprior.scene.ranges import uniform
@@ -150,6 +151,7 @@ class Studio:
                 f"{list(plan.hands)}"
             )
         require_known_objects(motion, scene, trajectory)
+        scene = replace(scene, bystanders=self._bystanders(scene, trajectory, child(rng, "distractors")))
         looks = integer_seed(self.seed, "render", motion.name, index)
         shots = vary(rig.shots(scene, trajectory, looks), self._variants)
         kinds = {name: choice for name, (choice, _) in drawn.items()}
@@ -191,6 +193,22 @@ class Studio:
     def _draw_solid(self, choices: Sequence[Choice], rng: np.random.Generator) -> tuple[Choice, Mesh]:
         choice = choices[int(rng.integers(len(choices)))]
         return choice, self._primitive(choice).sample(rng)
+
+    def _bystanders(
+        self, scene: Scene, trajectory: Trajectory, rng: np.random.Generator
+    ) -> Sequence[SceneObject]:
+        config = self.config.scene
+        if config.distractors is None:
+            return ()
+        choices = config.distractors.primitives or self.config.primitives
+        return draw_bystanders(
+            config.distractors,
+            config.object.density,
+            scene,
+            trajectory,
+            lambda: self._draw_solid(choices, rng)[1],
+            rng,
+        )
 
     def _primitive(self, choice: Choice) -> Primitive:
         key = choice.model_dump_json()
@@ -363,7 +381,9 @@ def _details(take: Take) -> dict[str, Any]:
         }
         for name, other in scene.others.items()
     }
-    return details | ({"others": others} if others else {})
+    setback = next(iter(scene.hands.values())).setback
+    added = {"others": others, "hand_setback": setback}
+    return details | {name: value for name, value in added.items() if value}
 
 
 def _object_details(drawn: SceneObject, way: NDArray[np.float64]) -> dict[str, Any]:

@@ -72,6 +72,7 @@ class Training:
         fingerprint: Of all that decides the weights at the end.
         team: The processes that take part.
         judges: What it is judged by at every checkpoint, one after the other.
+        quiet: Whether it shows no progress of its own.
     """
 
     run: str
@@ -86,6 +87,7 @@ class Training:
     fingerprint: str
     team: Team = field(default_factory=Team)
     judges: Sequence[Judge] = ()
+    quiet: bool = False
 
     @cached_property
     def loss(self) -> Callable[[Batch], tuple[Tensor, Mapping[str, Tensor]]]:
@@ -155,7 +157,8 @@ def _has_checkpoints(training: Training, step: int) -> bool:
 
 def _shown(training: Training, done: int) -> AbstractContextManager[Track]:
     total = training.steps * training.config.batch_size
-    return track(training.run, total, "samples", done, quiet=not training.team.leads)
+    quiet = training.quiet or not training.team.leads
+    return track(training.run, total, "samples", done, quiet=quiet)
 
 
 def _sweep(folder: Path) -> None:

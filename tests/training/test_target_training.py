@@ -241,9 +241,9 @@ def test_a_policy_that_knows_no_targets_trains_on_data_that_have_them(store, tmp
 def test_targets_that_are_not_there_are_asked_for():
     source = ShardSource(FakeStore([make_demonstration(0)]))
     with pytest.raises(ConfigError, match="policy 'act': it shall learn targets") as error:
-        _require_targets("act", ActConfig(target_weight=1.0), source)
+        _require_targets(act(target_weight=1.0), source)
     assert "generate.targets" in error.value.hint
-    _require_targets("act", ActConfig(), source)
+    _require_targets(act(), source)
 
 
 def test_at_its_default_the_weight_does_not_enter_a_fingerprint():
