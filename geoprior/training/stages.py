@@ -30,6 +30,7 @@ from geoprior.sources.source import SourceContext, targets_of
 from geoprior.training.config import ConditionConfig, TrainConfig
 from geoprior.training.data import Batches, features_of, split_slots, statistics_of
 from geoprior.training.held_out import HeldOut
+from geoprior.training.judge import has_vision_gain
 from geoprior.training.loop import Training, fit
 from geoprior.training.machine import Machine, decide_machine, require_device
 from geoprior.training.priors import BLIND, find_prior
@@ -260,6 +261,8 @@ def train(
         "data": {"digest": source.digest, "episodes": len(slots)},
         "transfer": transfer,
     }
+    wanted = getattr(config, "until_vision_gain", None)
+    ends = {} if wanted is None else {"until_vision_gain": wanted}
     normaliser = Normaliser(statistics, actions=options.actions)
     batches = Batches(source, features, normaliser, config, job.seed, slots)
     training = Training(
@@ -272,9 +275,10 @@ def train(
         seed=job.seed,
         machine=machine,
         header=CheckpointHeader(choice, replace(features, targets=()), fps, statistics, 0, 0, details),
-        fingerprint=sha256_json({"policy": deciding_options, "fps": fps, **details}),
+        fingerprint=sha256_json({"policy": deciding_options, "fps": fps, **details, **ends}),
         team=team(),
         judges=[HeldOut(source, aside, features, normaliser, config, batches.read)] if aside else [],
+        is_enough=None if wanted is None else partial(has_vision_gain, wanted),
         quiet=quiet,
     )
     return fit(training)
