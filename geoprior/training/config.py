@@ -128,6 +128,8 @@ class TrainConfig(Options):
 class PretrainConfig(TrainConfig):
     """Training on the geometric data set."""
 
+    later = TrainConfig.later | {"until_vision_gain"}
+
     init: Literal["scratch", "imagenet"] = Field(
         "scratch",
         description="`scratch`: random weights; `imagenet`: a trunk trained on ImageNet, which torchvision "
@@ -136,11 +138,23 @@ class PretrainConfig(TrainConfig):
     epochs: int = Field(
         128, ge=1, le=10_000_000, description="Passes over the episodes, one time step of each."
     )
+    until_vision_gain: float | None = Field(
+        None,
+        gt=0.0,
+        description="End at the first checkpoint whose `vision_gain` is as large, at the latest after "
+        "`epochs`. A `cosine` falls over all `epochs` in any case.",
+    )
     source: Choice = Field(
         default=Choice(name="shards"),
         description="Where the episodes come from: `shards` reads those that were generated, `endless` makes "
         "fresh ones while training.",
     )
+
+    @model_validator(mode="after")
+    def _may_end_early(self) -> Self:
+        if self.until_vision_gain is not None and self.checkpoint_every is None:
+            raise ValueError("until_vision_gain: it is measured at checkpoints; set checkpoint_every")
+        return self
 
 
 class ConditionConfig(Options):

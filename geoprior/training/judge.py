@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
     from torch import nn
 
     from geoprior.training.machine import Machine
+
+
+VISION_GAIN = "vision_gain"
+"""What a judge names the gain of seeing the right images, in normalised L1."""
+
+
+def has_vision_gain(wanted: float, judged: Mapping[str, float]) -> bool:
+    """Whether the gain is as large as wanted; never where no judge measures it."""
+    return judged.get(VISION_GAIN, 0.0) >= wanted
 
 
 class Judge(Protocol):

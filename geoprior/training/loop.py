@@ -74,6 +74,7 @@ class Training:
         fingerprint: Of all that decides the weights at the end.
         team: The processes that take part.
         judges: What it is judged by at every checkpoint, one after the other.
+        is_enough: Whether the training may end at a checkpoint for what its judges say there.
         quiet: Whether it shows no progress of its own.
     """
 
@@ -89,6 +90,7 @@ class Training:
     fingerprint: str
     team: Team = field(default_factory=Team)
     judges: Sequence[Judge] = ()
+    is_enough: Callable[[Mapping[str, float]], bool] | None = None
     quiet: bool = False
 
     @cached_property
@@ -137,7 +139,7 @@ def _finished(training: Training) -> dict[str, Any] | None:
     result: dict[str, Any] = read_json(path)
     require_same_training(path, result.get("fingerprint"), training.fingerprint)
     (training.folder / RESUME_NAME).unlink(missing_ok=True)
-    if _has_checkpoints(training, training.steps):
+    if _has_checkpoints(training, int(result["steps"])):
         return result
     path.unlink()
     return None
@@ -187,7 +189,7 @@ def _run(training: Training) -> dict[str, Any]:
         closing(training.batches.stream(progress.step, training.steps, parts)) as batches,
         _shown(training, progress.step * batch_size) as shown,
     ):
-        while progress.step < training.steps:
+        while progress.step < training.steps and not _is_enough(training, progress.step in due, judged):
             mine = {part: next(batches) for part in parts}
             metrics = take_step(training, optimizer, progress.step, mine)
             averages = _average(progress.averages, metrics, progress.step)
@@ -210,7 +212,7 @@ def _run(training: Training) -> dict[str, Any]:
                 saved = time.monotonic()
     return {
         "fingerprint": training.fingerprint,
-        "epochs": config.epochs,
+        "epochs": max(chain(*(epochs for at, epochs in due.items() if at <= progress.step))),
         "steps": progress.step,
         "samples": progress.step * batch_size,
         "seconds": round(progress.seconds, 3),
@@ -244,6 +246,15 @@ def _judge(training: Training, policy: nn.Module) -> dict[str, float]:
     for judge in training.judges:
         measured |= judge.measure(policy, training.machine)
     return measured
+
+
+def _is_enough(training: Training, at_checkpoint: bool, judged: Mapping[str, float] | None) -> bool:  # noqa: FBT001
+    """The same in all processes; a training that was resumed at a checkpoint is judged again."""
+    enough = training.is_enough
+    if enough is None or not at_checkpoint:
+        return False
+    said: bool = training.team.agree(lambda: enough(_judge(training) if judged is None else judged))
+    return said
 
 
 def _average(averages: Mapping[str, float], metrics: Mapping[str, float], step: int) -> dict[str, float]:

@@ -30,6 +30,7 @@ from geoprior.sources.source import SourceContext, targets_of
 from geoprior.training.config import ConditionConfig, TrainConfig
 from geoprior.training.data import Batches, features_of, split_slots, statistics_of
 from geoprior.training.held_out import HeldOut
+from geoprior.training.judge import has_vision_gain
 from geoprior.training.loop import Training, fit
 from geoprior.training.machine import Machine, decide_machine, require_device
 from geoprior.training.priors import BLIND, find_prior
@@ -240,7 +241,11 @@ def train(
     features = features_of(source, options.chunk, targets=options.uses_targets)
     fps = source.fps / config.skip
     slots, aside = split_slots(len(source), config.held_out, job.seed)
-    statistics = _statistics(job, source, slots)
+    _require_same_actions(job, options)
+    own = partial(
+        statistics_of, source, slots, actions=options.actions, chunk=options.chunk, skip=config.skip
+    )
+    statistics = _statistics(job, source, own)
     policy = build_policy(choice, features, job.seed)
     transfer = _transfer(job, policy, choice.name, fps)
     aside_from = set(type(config).model_fields) - set(TrainConfig.model_fields)
@@ -256,7 +261,9 @@ def train(
         "data": {"digest": source.digest, "episodes": len(slots)},
         "transfer": transfer,
     }
-    normaliser = Normaliser(statistics)
+    wanted = getattr(config, "until_vision_gain", None)
+    ends = {} if wanted is None else {"until_vision_gain": wanted}
+    normaliser = Normaliser(statistics, actions=options.actions)
     batches = Batches(source, features, normaliser, config, job.seed, slots)
     training = Training(
         run=job.run,
@@ -268,9 +275,10 @@ def train(
         seed=job.seed,
         machine=machine,
         header=CheckpointHeader(choice, replace(features, targets=()), fps, statistics, 0, 0, details),
-        fingerprint=sha256_json({"policy": deciding_options, "fps": fps, **details}),
+        fingerprint=sha256_json({"policy": deciding_options, "fps": fps, **details, **ends}),
         team=team(),
         judges=[HeldOut(source, aside, features, normaliser, config, batches.read)] if aside else [],
+        is_enough=None if wanted is None else partial(has_vision_gain, wanted),
         quiet=quiet,
     )
     return fit(training)
@@ -319,10 +327,26 @@ def _require_targets(choice: Choice, source: Source) -> None:
         )
 
 
-def _statistics(job: Job, source: Source, slots: Sequence[int]) -> Statistics:
+def _require_same_actions(job: Job, options: PolicyOptions) -> None:
+    """Refuse weights or statistics of actions of another kind.
+
+    Raises:
+        DataError: The prior is named.
+    """
+    if job.prior is None or (job.condition.weights == "trunk" and job.condition.statistics == "new"):
+        return
+    theirs = read_header(job.prior).actions
+    if theirs != options.actions:
+        raise DataError(
+            f"{job.prior}: the prior's actions are {theirs}, this training's {options.actions}",
+            f"set policy.actions to {theirs}, or take the trunk's weights only, with new statistics",
+        )
+
+
+def _statistics(job: Job, source: Source, own: Callable[[], Statistics]) -> Statistics:
     kind = job.condition.statistics
     if job.prior is None or kind == "new":
-        return statistics_of(source, slots)
+        return own()
     prior = read_header(job.prior)
     if prior.features.hands != source.hands:
         raise DataError(
@@ -331,7 +355,7 @@ def _statistics(job: Job, source: Source, slots: Sequence[int]) -> Statistics:
             "set the condition's statistics to new",
         )
     pretrained = Normaliser(prior.statistics).statistics
-    return pretrained if kind == "pretrained" else merge(pretrained, statistics_of(source, slots))
+    return pretrained if kind == "pretrained" else merge(pretrained, own())
 
 
 def _transfer(job: Job, policy: nn.Module, name: str, fps: float) -> dict[str, Any]:
