@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from geoprior.options import Choice, Options
 
@@ -114,6 +114,8 @@ class TrainConfig(Options):
 class PretrainConfig(TrainConfig):
     """Training on the geometric data set."""
 
+    speed_only = TrainConfig.speed_only | {"probe_episodes"}
+
     init: Literal["scratch", "imagenet"] = Field(
         "scratch",
         description="`scratch`: random weights; `imagenet`: a trunk trained on ImageNet, which torchvision "
@@ -127,6 +129,20 @@ class PretrainConfig(TrainConfig):
         description="Where the episodes come from: `shards` reads those that were generated, `endless` makes "
         "fresh ones while training.",
     )
+    probe_episodes: int = Field(
+        30,
+        ge=0,
+        le=100_000,
+        description="Fresh episodes of each motion on which it is measured at every checkpoint whether the "
+        "policy looks: `vision_gain` and what it is compared with; 0 does not. Never changes a result.",
+    )
+
+    @field_validator("probe_episodes")
+    @classmethod
+    def _can_be_shuffled(cls, count: int) -> int:
+        if count == 1:
+            raise ValueError("one episode of a motion cannot get another one's images: two at least, or 0")
+        return count
 
 
 class ConditionConfig(Options):

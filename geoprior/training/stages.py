@@ -28,6 +28,7 @@ from geoprior.sources.source import SourceContext
 from geoprior.training.config import ConditionConfig, TrainConfig
 from geoprior.training.data import Batches, features_of, split_slots, statistics_of
 from geoprior.training.held_out import HeldOut
+from geoprior.training.judge import Taught
 from geoprior.training.loop import Training, fit
 from geoprior.training.machine import Machine, decide_machine, require_device
 from geoprior.training.team import team
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
     from geoprior.shards.config import GenerateConfig
     from geoprior.sources.source import Source
     from geoprior.training.config import FinetuneConfig, PretrainConfig
+    from geoprior.training.judge import Judge, JudgeMaker
 
 _MACHINES = frozenset({"threads", "precision", "device"})
 """Fields that say what the machine shall be; what it is decides."""
@@ -59,6 +61,7 @@ class Job:
         condition: How it begins.
         prior: The checkpoint it may begin from.
         folder: Where it writes.
+        judge: Makes a judge of it, besides that of the held-out episodes.
     """
 
     run: str
@@ -66,6 +69,7 @@ class Job:
     condition: ConditionConfig
     prior: Path | None
     folder: Path
+    judge: JudgeMaker | None = None
 
 
 def pretrain(
@@ -77,6 +81,7 @@ def pretrain(
     generate: GenerateConfig,
     cameras: CamerasConfig,
     out: Path,
+    judge: JudgeMaker | None = None,
 ) -> dict[str, Any]:
     """Train on the geometric data set.
 
@@ -88,6 +93,7 @@ def pretrain(
         generate: What they were made from.
         cameras: The same.
         out: Gets ``epoch-*.safetensors`` and their JSON, ``log.jsonl``, ``machine.json``, ``result.json``.
+        judge: Makes what the policy is judged by at every checkpoint, besides held-out episodes.
 
     Returns:
         Epochs, steps, samples, wall seconds and the running means of the metrics at the end.
@@ -97,7 +103,7 @@ def pretrain(
     """
     context = SourceContext(data, generate, cameras, seed, config.frame_cache_mb * 2**20)
     begin = ConditionConfig(init=config.init)
-    job = Job("pretrain", integer_seed(seed, "pretrain"), begin, None, out)
+    job = Job("pretrain", integer_seed(seed, "pretrain"), begin, None, out, judge)
     with closing(plugins().build("source", config.source, context)) as source:
         return train(config, job, policy, source, _machine(config, out))
 
@@ -160,6 +166,11 @@ def train(config: TrainConfig, job: Job, choice: Choice, source: Source, machine
     }
     normaliser = Normaliser(statistics)
     batches = Batches(source, features, normaliser, config, job.seed, slots)
+    judges: list[Judge] = []
+    if aside:
+        judges.append(HeldOut(source, aside, features, normaliser, config, batches.read))
+    if job.judge is not None:
+        judges.append(job.judge(Taught(source, slots, features, statistics, config.skip)))
     training = Training(
         run=job.run,
         folder=job.folder,
@@ -172,7 +183,7 @@ def train(config: TrainConfig, job: Job, choice: Choice, source: Source, machine
         header=CheckpointHeader(choice, features, fps, statistics, 0, 0, details),
         fingerprint=sha256_json({"policy": choice.model_dump(mode="json"), "fps": fps, **details}),
         team=team(),
-        judges=[HeldOut(source, aside, features, normaliser, config, batches.read)] if aside else [],
+        judges=judges,
     )
     return fit(training)
 
