@@ -105,7 +105,7 @@ def _material(trained: Trained, run: _Run | None, wanted: Wanted) -> _Material:
             "is not known",
             "give episodes to measure on: --data FOLDER of shards; or copy the run folder with it",
         )
-    if _name(trained) == _PRETRAIN and has_recipe(run.config):
+    if _is_prior(trained) and has_recipe(run.config):
         return _fresh(trained, run.config, wanted.episodes)
     return _stored(trained, run, _training_data(trained, run), wanted.episodes)
 
@@ -141,7 +141,7 @@ def _stored(trained: Trained, run: _Run | None, folder: Path, count: int) -> _Ma
 
 
 def _training_data(trained: Trained, run: _Run) -> Path:
-    folder = run.path / (SYNTHETIC if _name(trained) == _PRETRAIN else DEMOS)
+    folder = run.path / (SYNTHETIC if _is_prior(trained) else DEMOS)
     if not folder.is_dir():
         raise ConfigError(
             f"{trained.path}: what it was trained on is not in its run ({folder})",
@@ -171,9 +171,9 @@ def _used_states(config: RunConfig) -> Iterator[range]:
             yield range(collected.first_state, collected.first_state + collected.max_attempts)
 
 
-def _name(trained: Trained) -> str:
-    """Of the training: ``pretrain``, or ``finetune/...``."""
-    return str(trained.header.details.get("run", _PRETRAIN))
+def _is_prior(trained: Trained) -> bool:
+    """Whether it is of pretraining; its JSON says ``pretrain``, ``pretrain/blind`` or ``finetune/...``."""
+    return str(trained.header.details.get("run", _PRETRAIN)).partition("/")[0] == _PRETRAIN
 
 
 def _seed(trained: Trained) -> int:
@@ -188,7 +188,7 @@ def _held_out(trained: Trained, run: _Run | None) -> float:
         return float(config["held_out"])
     if run is None:
         return 0.0
-    section = run.config.pretrain if _name(trained) == _PRETRAIN else run.config.finetune
+    section = run.config.pretrain if _is_prior(trained) else run.config.finetune
     return section.held_out
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from typing import cast
 
 import numpy as np
 
@@ -25,6 +26,19 @@ def seed_sequence(root: int, *keys: str | int) -> np.random.SeedSequence:
 def generator(root: int, *keys: str | int) -> np.random.Generator:
     """A NumPy generator (PCG64) for one named draw; see `seed_sequence`."""
     return np.random.Generator(np.random.PCG64(seed_sequence(root, *keys)))
+
+
+def child(parent: np.random.Generator, *keys: str | int) -> np.random.Generator:
+    """A generator of its own, named under another one: it neither advances it nor depends on what it drew.
+
+    Args:
+        parent: One that was seeded by a `numpy.random.SeedSequence`, as every one here.
+        keys: What the draw is for. The same keys give the same stream.
+    """
+    seeds = cast("np.random.SeedSequence", parent.bit_generator.seed_seq)
+    words = tuple(_word(key) for key in keys)
+    named = np.random.SeedSequence(entropy=seeds.entropy, spawn_key=(*seeds.spawn_key, *words))
+    return np.random.Generator(np.random.PCG64(named))
 
 
 def integer_seed(root: int, *keys: str | int) -> int:

@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from pydantic import BaseModel
 
-    from geoprior.geometry.projection import View
     from geoprior.motions.trajectory import Trajectory
     from geoprior.policies.policy import Policy
-    from geoprior.render.clouds import Cloud, Shot
+    from geoprior.render.clouds import Shot
+    from geoprior.render.frames import FrameKind
     from geoprior.scene.config import OtherConfig
     from geoprior.scene.mesh import Mesh
     from geoprior.scene.scene import Scene
@@ -81,25 +81,33 @@ class Variant(Protocol):
             shots: What each camera sees of an episode, by the camera's name.
 
         Returns:
-            The same cameras, with the views and the steps that they had: the episode's header tells those.
+            The same cameras, with the views, the steps and the seeds that they had: the episode's header
+            tells the first two, and colours are drawn from the last.
         """
         ...
 
 
 class Renderer(Protocol):
-    """Turns points into the frames of one camera."""
+    """Turns what is before a camera into its frames. No clouds give frames of zeros, whatever is drawn."""
 
-    def render(self, clouds: Sequence[Cloud], view: View, steps: int) -> NDArray[np.uint8]:
-        """Draw the frames of one camera.
+    @property
+    def frames(self) -> FrameKind:
+        """What it draws: ``"binary"``, ``"gray"`` or ``"rgb"``; the same for every shot."""
+        ...
+
+    def render(self, shot: Shot) -> NDArray[np.uint8]:
+        """Draw the N frames of one camera.
+
+        A frame follows from its own time step's transforms and from ``shot.seed`` alone: an episode is drawn
+        some steps at a time, and a training on fresh episodes asks for single ones.
 
         Args:
-            clouds: Groups of points, each at rest or moving as one.
-            view: The camera, fixed or moving.
-            steps: N, the number of frames; what moves has as many transforms.
+            shot: The camera, and the bodies before it, each at rest or moving as one.
 
         Returns:
-            (N, height, ceil(width / 8)) uint8: eight pixels a byte, 1 for white, the leftmost pixel in the
-            highest bit; see `geoprior.render.packing.pack_frames`.
+            uint8. Binary: (N, height, ceil(width / 8)), eight pixels a byte, 1 for white, the leftmost
+            pixel in the highest bit; see `geoprior.render.packing.pack_frames`. Gray: (N, height, width).
+            RGB: (N, height, width, 3).
         """
         ...
 

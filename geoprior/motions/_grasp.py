@@ -9,8 +9,7 @@ from pydantic import Field
 
 from geoprior.geometry.interpolate import lerp, swing_frames
 from geoprior.geometry.se3 import apply, make_transform
-from geoprior.motions.timing import ramp
-from geoprior.options import Options
+from geoprior.motions.timing import EaseOptions, eased, ramp
 from geoprior.scene.mesh import extents
 from geoprior.scene.ranges import LengthRange, uniform
 
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
     FloatArray = NDArray[np.float64]
 
 
-class GraspOptions(Options):
+class GraspOptions(EaseOptions):
     """Where the hand takes hold."""
 
     offset: LengthRange = Field(
@@ -57,15 +56,16 @@ def grasp_position(scene: Scene, options: GraspOptions, rng: np.random.Generator
     return np.asarray(middles[nearest] + uniform(rng, options.offset) * outward)
 
 
-def reach(scene: Scene, position: FloatArray, steps: int) -> FloatArray:
+def reach(scene: Scene, position: FloatArray, steps: int, ease: float = 0.0) -> FloatArray:
     """The pick motion: from the start to ``position``, forward turning to the object's centre.
 
-    Position by linear interpolation; forward by SLERP, with right and up carried along.
+    Position by linear interpolation; forward by SLERP, with right and up carried along. For ``ease`` see
+    `geoprior.motions.timing.eased`.
 
     Returns:
         (steps, 4, 4) hand to world; the first is the start and the last the grasp pose T_pick.
     """
-    times = ramp(steps)
+    times = eased(ramp(steps), ease)
     start = scene.hand.transform_hand_to_world
     forward = scene.object.centre - position
     rotations = swing_frames(start[:3, :3], forward / np.linalg.norm(forward), times)

@@ -1,4 +1,8 @@
-"""Push: the hand goes behind the object and shoves it along the floor to the marker."""
+"""Push: the hand goes behind the object and shoves it along the floor to the marker.
+
+The paper's hand goes straight to behind the object, and may go through it. With `from_above` it comes down
+behind the object, as arms do; see `geoprior.motions._push_from_above`.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +16,10 @@ from pydantic import Field
 from geoprior import MotionSpec, hookimpl
 from geoprior.geometry.interpolate import lerp, slerp
 from geoprior.geometry.se3 import cross, make_transform
-from geoprior.motions.timing import PhaseOptions, approach_steps, ramp, ramp_after
+from geoprior.geometry.seeding import child
+from geoprior.motions._push_from_above import PushFromAbove, push_from_above
+from geoprior.motions.course import paced, run
+from geoprior.motions.timing import EaseOptions, PhaseOptions, approach_steps, eased, ramp, ramp_after
 from geoprior.motions.trajectory import Trajectory, way_of_hand
 from geoprior.scene.marker import draw_goal, marker_points
 from geoprior.scene.objects import WORLD_UP
@@ -29,17 +36,23 @@ _NO_PUSH = 1e-9
 """Metres: a shorter push has no direction of its own."""
 
 
-class PushConfig(PhaseOptions):
+class PushConfig(EaseOptions, PhaseOptions):
     """Options of `push`."""
+
+    later = EaseOptions.later | {"from_above"}
 
     gap: LengthRange = Field(
         (0.002, 0.01), description="Between the front of the hand cube and the object, metres."
+    )
+    from_above: PushFromAbove | None = Field(
+        None,
+        description="Pushes whose hand comes down behind the object; null: the paper's straight approach.",
     )
 
 
 @dataclass(frozen=True)
 class Push:
-    """See `geoprior.hooks.types.Motion`. The gripper stays open."""
+    """See `geoprior.hooks.types.Motion`. The gripper stays open, unless `from_above` closes it."""
 
     config: PushConfig
 
@@ -49,6 +62,10 @@ class Push:
         Raises:
             ConfigError: ``steps`` are too few, or there is no room for the marker.
         """
+        own, above = child(rng, "from-above"), self.config.from_above
+        if above is not None and own.random() < above.share:
+            return self._from_above(above, scene, steps, own)
+        ease = self.config.draw_ease(rng)
         moving = approach_steps("push", steps, self.config.approach, 1)
         goal = draw_goal(scene, np.eye(3), rng)
         centre, start = scene.object.centre, scene.hand.transform_hand_to_world
@@ -56,9 +73,10 @@ class Push:
         distance = support(scene.object.vertices - centre, -direction) + uniform(rng, self.config.gap)
         rotation = push_rotation(direction)
         behind = centre - distance * direction
-        times = ramp(moving)
+        times = eased(ramp(moving), ease)
         way = make_transform(slerp(start[:3, :3], rotation, times), lerp(start[:3, 3], behind, times))
-        shifts: FloatArray = ramp_after(steps - moving)[:, None] * (goal[:3, 3] - centre)
+        onward = eased(ramp_after(steps - moving), ease)
+        shifts: FloatArray = onward[:, None] * (goal[:3, 3] - centre)
         pushed = np.repeat(scene.object.transform_object_to_world[None], steps, axis=0)
         pushed[moving:, :3, 3] += shifts
         return Trajectory(
@@ -68,6 +86,27 @@ class Push:
             transforms_object_to_world=pushed,
             marker_points=marker_points(scene, goal, rng),
             phases=("approach",) * moving + ("push",) * (steps - moving),
+        )
+
+    def _from_above(
+        self, options: PushFromAbove, scene: Scene, steps: int, rng: np.random.Generator
+    ) -> Trajectory:
+        goal = draw_goal(scene, np.eye(3), rng)
+        direction = push_direction(scene.object.centre, goal[:3, 3])
+        gap, ease = uniform(rng, self.config.gap), self.config.draw_ease(rng)
+        stroke = push_from_above(scene, goal, direction, options, gap, rng)
+        ran = run("push", paced(stroke.legs, options.pace, rng), steps, ease)
+        gripper = ran.gripper.copy()
+        gripper[0] = 0.0  # hands are open when an episode begins
+        shifts = np.clip((ran.transforms_hand_to_world[:, :3, 3] - stroke.touch) @ direction, 0.0, None)
+        pushed = np.repeat(scene.object.transform_object_to_world[None], steps, axis=0)
+        down = ran.leg >= stroke.pushing
+        pushed[down, :3, 3] += shifts[down, None] * direction
+        return Trajectory(
+            hands=way_of_hand(ran.transforms_hand_to_world, gripper, ran.openness),
+            transforms_object_to_world=pushed,
+            marker_points=marker_points(scene, goal, rng),
+            phases=ran.phases,
         )
 
 

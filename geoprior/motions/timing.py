@@ -9,7 +9,24 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from geoprior.errors import ConfigError
+from geoprior.geometry.seeding import child
 from geoprior.options import Options
+from geoprior.scene.ranges import ShareRange, uniform
+
+
+class EaseOptions(Options):
+    """How a motion runs through its phases."""
+
+    later = frozenset({"ease"})
+
+    ease: ShareRange = Field(
+        (0.0, 0.0),
+        description="From 0, a constant speed in each phase, to 1, a smooth start and stop (minimum jerk).",
+    )
+
+    def draw_ease(self, rng: np.random.Generator) -> float:
+        """Draw an episode's share from a generator of its own, named under ``rng``."""
+        return uniform(child(rng, "ease"), self.ease)
 
 
 class PhaseOptions(Options):
@@ -28,6 +45,12 @@ def ramp(count: int) -> NDArray[np.float64]:
 def ramp_after(count: int) -> NDArray[np.float64]:
     """(count,) times from just after 0 to 1: of a phase that goes on from where another ended."""
     return np.linspace(0.0, 1.0, count + 1)[1:]
+
+
+def eased(times: NDArray[np.float64], ease: float) -> NDArray[np.float64]:
+    """Times (N,) in [0, 1], from a constant speed at ease 0 to minimum jerk at 1 (Flash and Hogan 1985)."""
+    smooth = times**3 * (10.0 - 15.0 * times + 6.0 * times**2)
+    return (1.0 - ease) * times + ease * smooth if ease else times
 
 
 def approach_steps(motion: str, steps: int, share: float, reserved: int) -> int:

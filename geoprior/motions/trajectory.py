@@ -27,10 +27,18 @@ class HandWay:
     Attributes:
         transforms_hand_to_world: (N, 4, 4); hand axes [right, up, forward].
         gripper: (N,) float64, 0 open or 1 closed.
+        openness: (N,) how far the fingers are apart, from 0, closed, to 1, open; None: as the gripper says.
+        grip: Between the closed fingers, where they hold something, metres.
     """
 
     transforms_hand_to_world: FloatArray
     gripper: FloatArray
+    openness: FloatArray | None = None
+    grip: float = 0.0
+
+    def fingers_apart(self) -> FloatArray:
+        """(N,) `openness`, or what the gripper says."""
+        return 1.0 - self.gripper if self.openness is None else self.openness
 
 
 @dataclass(frozen=True)
@@ -73,6 +81,11 @@ def ways_of_objects(scene: Scene, trajectory: Trajectory) -> dict[str, FloatArra
     return {OBJECT: trajectory.transforms_object_to_world, **resting, **trajectory.others}
 
 
-def way_of_hand(transforms_hand_to_world: FloatArray, gripper: FloatArray) -> dict[str, HandWay]:
+def way_of_hand(
+    transforms_hand_to_world: FloatArray,
+    gripper: FloatArray,
+    openness: FloatArray | None = None,
+    grip: float = 0.0,
+) -> dict[str, HandWay]:
     """The `Trajectory.hands` of a motion that moves the hand named ``hand``; see `HandWay`."""
-    return {HAND: HandWay(transforms_hand_to_world, gripper)}
+    return {HAND: HandWay(transforms_hand_to_world, gripper, openness, grip)}

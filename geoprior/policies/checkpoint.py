@@ -97,6 +97,12 @@ def list_checkpoints(folder: Path) -> tuple[Checkpoint, ...]:
     return tuple(sorted(whole, key=lambda checkpoint: checkpoint.epoch))
 
 
+def lasting_tensors(policy: nn.Module) -> dict[str, Tensor]:
+    """The state dict of a policy without what serves its training alone."""
+    passing: tuple[str, ...] = getattr(policy, "training_only_prefixes", ())
+    return {name: tensor for name, tensor in policy.state_dict().items() if not name.startswith(passing)}
+
+
 def save_checkpoint(path: Path, tensors: Mapping[str, Tensor], header: CheckpointHeader) -> None:
     """Write the pair, each file atomically, the JSON last.
 
@@ -109,7 +115,7 @@ def save_checkpoint(path: Path, tensors: Mapping[str, Tensor], header: Checkpoin
         "format_version": FORMAT_VERSION,
         "geoprior": __version__,
         "policy": header.policy.model_dump(mode="json"),
-        "features": asdict(header.features),
+        "features": {key: value for key, value in asdict(header.features).items() if key != "targets"},
         "fps": header.fps,
         "statistics": statistics_to_json(header.statistics),
         "normalisation": _NORMALISATION,

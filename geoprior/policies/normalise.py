@@ -161,8 +161,8 @@ def normalise_images(frames: Tensor) -> Tensor:
     """Frames as recorded to what a trunk sees.
 
     Args:
-        frames: (..., H, W, 3) RGB or (..., H, W, 1) binary, which is repeated to three channels; uint8,
-            or float32 in [0, 255] where noise has been added.
+        frames: (..., H, W, 3) RGB, or (..., H, W, 1) binary or gray, which is repeated to three
+            channels; uint8, or float32 in [0, 255] where noise has been added.
 
     Returns:
         (..., 3, H, W) float32, with the channels last in memory.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, Protocol, TypedDict
+from typing import TYPE_CHECKING, Literal, NotRequired, Protocol, TypedDict
 
 from pydantic import Field
 
@@ -26,6 +26,11 @@ class PolicyOptions(Options):
 
     chunk: int = Field(25, ge=1, le=1000, description="Actions that one prediction holds.")
 
+    @property
+    def uses_targets(self) -> bool:
+        """Whether such a policy learns, on the side, the targets of data that have some."""
+        return False
+
 
 @dataclass(frozen=True)
 class Features:
@@ -36,12 +41,15 @@ class Features:
         image_size: (height, width) of every camera, in pixels.
         hands: Names, in the order of their parts of a pose.
         chunk: Actions that one prediction holds.
+        targets: Names of what a pretraining learns on the side, in the order of a batch's; none for a policy
+            that does not, on data without them, and of a checkpoint.
     """
 
     cameras: tuple[str, ...]
     image_size: tuple[int, int]
     hands: tuple[str, ...]
     chunk: int
+    targets: tuple[str, ...] = ()
 
     @property
     def pose_size(self) -> int:
@@ -67,6 +75,8 @@ class Batch(Observation):
     """(B, chunk, pose_size)"""
     valid: Tensor
     """(B, chunk) bool: false where the episode has ended and the action is padding"""
+    targets: NotRequired[Tensor]
+    """(B, T) of the names in `Features.targets`, where there are some; NaN where one is not known"""
 
 
 class Policy(Protocol):
@@ -77,9 +87,11 @@ class Policy(Protocol):
         trunk_prefixes: How the names of the visual trunk's tensors begin in the state dict, for its own
             learning rate and for partial transfer.
 
-    One attribute more may be there: ``half_weights = True`` says that in bfloat16 on a CPU the large weights
-    may be bfloat16 themselves, which saves rounding them at every step. It holds where all arithmetic with
-    them is under the caller's autocast; a part with autocast switched off would meet two types.
+    Two attributes more may be there. ``training_only_prefixes``, a tuple, says how the names of tensors begin
+    that nothing of a prediction depends on: a checkpoint is without them. ``half_weights = True`` says that
+    in bfloat16 on a CPU the large weights may be bfloat16 themselves, which saves rounding them at every
+    step. It holds where all arithmetic with them is under the caller's autocast; a part with autocast
+    switched off would meet two types.
 
     One method more may be there: ``trunk_features(images)``, from frames (B, cameras, 3, H, W) to what the
     visual trunk makes of each, (B, cameras, F) float32, without gradients: `geoprior probe` asks what can be
@@ -111,7 +123,7 @@ class Predictor(Protocol):
 
         Args:
             pose: (B, pose_size), the episode contract's pose vectors.
-            images: Per camera (B, H, W, 3) RGB or (B, H, W) binary frames.
+            images: Per camera (B, H, W, 3) RGB or (B, H, W) binary or gray frames.
 
         Returns:
             (B, chunk, pose_size) pose commands at the policy's rate ``fps``, quaternions of unit length,

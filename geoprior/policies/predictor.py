@@ -89,11 +89,11 @@ def stack_cameras(frames: Mapping[str, NDArray[np.uint8]], cameras: Sequence[str
     """Frames of several cameras as one array: in training and in prediction the same.
 
     Args:
-        frames: Per camera (B, H, W) binary or (B, H, W, 3) RGB.
+        frames: Per camera (B, H, W) binary or gray, or (B, H, W, 3) RGB.
         cameras: Names, in the order of the batch.
 
     Returns:
-        (B, cameras, H, W, C) uint8; C is 1 if all cameras are binary, else 3.
+        (B, cameras, H, W, C) uint8; C is 1 if no camera is RGB, else 3.
     """
     columns = [as_channels(frames[camera]) for camera in cameras]
     channels = max(column.shape[-1] for column in columns)
@@ -101,7 +101,7 @@ def stack_cameras(frames: Mapping[str, NDArray[np.uint8]], cameras: Sequence[str
 
 
 def as_channels(frames: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """(B, H, W) binary or (B, H, W, 3) RGB frames with an axis of channels in any case."""
+    """(B, H, W) binary or gray, or (B, H, W, 3) RGB frames with an axis of channels in any case."""
     return frames[..., None] if frames.ndim == 3 else frames
 
 

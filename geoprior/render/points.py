@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from pydantic import Field
@@ -28,7 +28,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from geoprior.geometry.projection import View
-    from geoprior.render.clouds import Cloud
+    from geoprior.render.clouds import Cloud, Shot
+    from geoprior.render.frames import FrameKind
 
 
 class PointsConfig(Options):
@@ -47,14 +48,16 @@ class PointsRenderer:
         draw: The compiled kernel.
     """
 
+    frames: ClassVar[FrameKind] = "binary"
+
     footprint: int
     masks: NDArray[np.uint64]
     draw: Callable[..., None]
 
-    def render(self, clouds: Sequence[Cloud], view: View, steps: int) -> NDArray[np.uint8]:
-        """Draw ``steps`` frames; what rests before a fixed camera is drawn once."""
-        drawn = [(pixel_matrices(cloud, view), axes_first(cloud.points)) for cloud in clouds]
-        return self.draw_all(drawn, view, steps)
+    def render(self, shot: Shot) -> NDArray[np.uint8]:
+        """Draw a shot's frames; what rests before a fixed camera is drawn once."""
+        drawn = [(pixel_matrices(cloud, shot.view), axes_first(cloud.points)) for cloud in shot.clouds]
+        return self.draw_all(drawn, shot.view, shot.steps)
 
     def draw_all(
         self, drawn: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]], view: View, steps: int

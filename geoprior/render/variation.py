@@ -31,15 +31,22 @@ def vary(shots: Mapping[str, Shot], variants: Iterable[Variant]) -> Mapping[str,
 
 
 def _require_same_frames(name: str, before: Mapping[str, Shot], after: Mapping[str, Shot]) -> None:
-    """An episode's header tells cameras and steps as they were before: they must still be so."""
+    """A header tells cameras and steps as they were before, and colours follow from the seed."""
     if list(after) != list(before):
         raise PluginError(
             f"variant {name}: was given the cameras {list(before)} and gave {list(after)}",
             "a variant gives every camera back, in the same order",
         )
     for camera, shot in after.items():
-        if shot.view is not before[camera].view or shot.steps != before[camera].steps:
+        was = before[camera]
+        same = {
+            "view": shot.view is was.view,
+            "steps": shot.steps == was.steps,
+            "seed": shot.seed == was.seed,
+        }
+        if not all(same.values()):
+            changed = " and the ".join(what for what, kept in same.items() if not kept)
             raise PluginError(
-                f"variant {name}: changed the view or the steps of camera {camera!r}",
+                f"variant {name}: changed the {changed} of camera {camera!r}",
                 "a variant changes a shot's clouds only: dataclasses.replace(shot, clouds=...)",
             )

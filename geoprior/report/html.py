@@ -10,7 +10,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from geoprior.probe.sight import Sight
-from geoprior.report import words
+from geoprior.report import controls, words
 from geoprior.report.headline import caution, explanation, headline, readings
 from geoprior.report.palette import colours_of
 from geoprior.study.schema import (
@@ -104,6 +104,7 @@ class GroupSection:
     rows: Sequence[Row]
     reasons: Sequence[ReasonRow]
     failures: Sequence[int]
+    gain_sentences: Sequence[str]
 
 
 @dataclass(frozen=True)
@@ -130,6 +131,7 @@ def group_section(group: GroupResult, picture: Picture, confidence: float) -> Gr
         rows=_rows(group),
         reasons=reasons,
         failures=failures,
+        gain_sentences=controls.sentences(group),
     )
 
 
@@ -172,6 +174,9 @@ def render(
             "points",
             "points_interval",
         )
+    }
+    environment.filters |= {
+        name: getattr(controls, name) for name in ("share_percent", "share_percent_interval")
     }
     return environment.get_template("report.html").render(
         results=results,

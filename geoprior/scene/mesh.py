@@ -46,6 +46,15 @@ class Mesh:
         a, b, c = (self.vertices[self.faces[:, corner]] for corner in range(3))
         return np.asarray(0.5 * np.linalg.norm(cross(b - a, c - a), axis=1))
 
+    @cached_property
+    def face_planes(self) -> tuple[FloatArray, FloatArray]:
+        """Outward unit normals (F, 3), zeros of a face without area, and each face's height along its own."""
+        a, b, c = (self.vertices[self.faces[:, corner]] for corner in range(3))
+        normals = cross(b - a, c - a)
+        lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+        normals = normals / np.where(lengths > 0.0, lengths, 1.0)
+        return normals, np.asarray(np.sum(normals * a, axis=1))
+
 
 def convex_mesh(vertices: FloatArray) -> Mesh:
     """The convex hull of points as a mesh with outward faces (Qhull, by way of SciPy).

@@ -70,6 +70,16 @@ def draw_object(config: ObjectConfig, mesh: Mesh, floor: Floor, rng: np.random.G
     return SceneObject(mesh, points, _resting(mesh, place, yaw, floor), yaw)
 
 
+def rest_object(
+    mesh: Mesh, density: float, place: FloatArray, floor: Floor, rng: np.random.Generator
+) -> SceneObject:
+    """Rest a solid on the floor at (x, y) at a random yaw, and sample its surface."""
+    mesh = centred(mesh)
+    yaw = float(rng.uniform(-np.pi, np.pi))
+    points = sample_surface(mesh, points_for_density(mesh, density), rng)
+    return SceneObject(mesh, points, _resting(mesh, place, yaw, floor), yaw)
+
+
 def draw_beside(
     config: OtherConfig,
     density: float,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Discriminator, Field, Tag
 
 if TYPE_CHECKING:
     import numpy as np
@@ -27,6 +27,11 @@ Distance = Annotated[float, Field(ge=0.0, le=10.0)]
 Degrees = Annotated[float, Field(ge=-180.0, le=180.0)]
 Elevation = Annotated[float, Field(ge=0.0, le=85.0)]
 Fraction = Annotated[float, Field(gt=0.0, lt=1.0)]
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
+Offset = Annotated[float, Field(ge=-1.0, le=1.0)]
+Seconds = Annotated[float, Field(gt=0.0, le=3600.0)]
+Slack = Annotated[float, Field(ge=1.0, le=10.0)]
+Count = Annotated[int, Field(ge=0, le=100)]
 SideCount = Annotated[int, Field(ge=3, le=64)]
 
 LengthRange = Annotated[tuple[Length, Length], AfterValidator(_ordered)]
@@ -35,7 +40,19 @@ DistanceRange = Annotated[tuple[Distance, Distance], AfterValidator(_ordered)]
 DegreeRange = Annotated[tuple[Degrees, Degrees], AfterValidator(_ordered)]
 ElevationRange = Annotated[tuple[Elevation, Elevation], AfterValidator(_ordered)]
 FractionRange = Annotated[tuple[Fraction, Fraction], AfterValidator(_ordered)]
+ShareRange = Annotated[tuple[Share, Share], AfterValidator(_ordered)]
+OffsetRange = Annotated[tuple[Offset, Offset], AfterValidator(_ordered)]
+SecondsRange = Annotated[tuple[Seconds, Seconds], AfterValidator(_ordered)]
+SlackRange = Annotated[tuple[Slack, Slack], AfterValidator(_ordered)]
+CountRange = Annotated[tuple[Count, Count], AfterValidator(_ordered_counts)]
 SideCountRange = Annotated[tuple[SideCount, SideCount], AfterValidator(_ordered_counts)]
+
+# What is written with brackets is a range: a fault is then told once, and not of both forms.
+_FORM = Discriminator(lambda value: "range" if isinstance(value, list | tuple) else "number")
+DistanceOrRange = Annotated[
+    Annotated[Distance, Tag("number")] | Annotated[DistanceRange, Tag("range")], _FORM
+]
+SecondsOrRange = Annotated[Annotated[Seconds, Tag("number")] | Annotated[SecondsRange, Tag("range")], _FORM]
 
 
 def uniform(rng: np.random.Generator, bounds: tuple[float, float]) -> float:

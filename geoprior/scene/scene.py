@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING
@@ -12,6 +12,8 @@ import numpy as np
 from geoprior.geometry.camera import pinhole_intrinsics
 from geoprior.geometry.projection import View, in_view
 from geoprior.geometry.se3 import apply, invert, look_at
+from geoprior.geometry.seeding import child
+from geoprior.scene.arm import Arm, draw_arm
 from geoprior.scene.floor import Floor, draw_floor
 from geoprior.scene.hand import HAND, Hand, draw_hands
 from geoprior.scene.objects import OBJECT, WORLD_UP, SceneObject, draw_beside, draw_object
@@ -28,6 +30,10 @@ if TYPE_CHECKING:
     FloatArray = NDArray[np.float64]
 
 
+_LENSES = (2.0, 160.0)
+"""Vertical fields of view that an episode's lens keeps to, degrees."""
+
+
 @dataclass(frozen=True)
 class Scene:
     """What a motion starts from.
@@ -40,6 +46,8 @@ class Scene:
         marker: How a motion that has a goal draws it.
         margin: What must be in a view stays this far from its edges, in frame heights.
         others: Further objects at rest, by the names that the motion's spec gives them.
+        arms: What carries the hands, by the hands' names; none where none is drawn.
+        bystanders: Solids at rest that have nothing to do with what happens.
     """
 
     floor: Floor
@@ -49,6 +57,8 @@ class Scene:
     marker: MarkerConfig
     margin: float
     others: Mapping[str, SceneObject] = field(default_factory=dict)
+    arms: Mapping[str, Arm] = field(default_factory=dict)
+    bystanders: Sequence[SceneObject] = ()
 
     @property
     def objects(self) -> dict[str, SceneObject]:
@@ -92,9 +102,11 @@ def draw_scene(
         there = [target, *beside.values()]
         beside[name] = draw_beside(where, config.object.density, solid, floor, there, rng)
     objects = [target, *beside.values()]
-    camera = partial(make_view, cameras, cameras.hand)
+    own = child(rng, "lenses")
+    camera = partial(make_view, cameras, _lens_of_episode(cameras.hand, config.hand.lens, own))
     drawn = draw_hands(config.hand, hands, objects, floor.height, camera, config.margin, rng)
-    third = _draw_third_view(config, cameras, objects, list(drawn.values()), rng)
+    lens = _lens_of_episode(cameras.third, config.third.lens, own)
+    third = _draw_third_view(config, partial(make_view, cameras, lens), objects, list(drawn.values()), rng)
     return Scene(
         floor=floor,
         object=target,
@@ -103,6 +115,7 @@ def draw_scene(
         marker=config.marker,
         margin=config.margin,
         others=beside,
+        arms={name: draw_arm(config.arm, floor, child(rng, "arm", name)) for name in hands if config.arm},
     )
 
 
@@ -112,9 +125,17 @@ def make_view(cameras: CamerasConfig, lens: CameraConfig, transforms_camera_to_w
     return View(invert(transforms_camera_to_world), intrinsics, cameras.height, cameras.width)
 
 
+def _lens_of_episode(lens: CameraConfig, spread: float, own: np.random.Generator) -> CameraConfig:
+    """The lens of one episode's camera: the config's, or one that is off by up to ``spread`` degrees."""
+    if not spread:
+        return lens
+    off = lens.vertical_fov + own.uniform(-spread, spread)
+    return lens.model_copy(update={"vertical_fov": float(np.clip(off, *_LENSES))})
+
+
 def _draw_third_view(
     config: SceneConfig,
-    cameras: CamerasConfig,
+    camera: Callable[[FloatArray], View],
     objects: Sequence[SceneObject],
     hands: Sequence[Hand],
     rng: np.random.Generator,
@@ -122,10 +143,12 @@ def _draw_third_view(
     midpoint = np.mean([objects[0].centre, *(hand.position for hand in hands)], axis=0)
     cubes = [apply(hand.transform_hand_to_world, hand.points) for hand in hands]
     needed = np.vstack([*(each.vertices for each in objects), *cubes])
+    own, spread = child(rng, "third"), config.third.target
 
     def draw() -> View:
         position = midpoint + _offset(config.third, rng)
-        return make_view(cameras, cameras.third, look_at(position, midpoint, WORLD_UP))
+        target = midpoint + own.uniform(-spread, spread, 3) if spread else midpoint
+        return camera(look_at(position, target, WORLD_UP))
 
     return draw_until(
         draw,

@@ -1,8 +1,8 @@
 """The bytes of a sample's members: PNG frames, NPY arrays, the JSON header.
 
 PNG is written here, not by an image library, so that the same pixels give the same bytes (those of binary
-frames everywhere, those of RGB frames wherever zlib is the same), and because it is faster. The files are
-plain PNG; any reader takes them.
+frames everywhere, those of gray and RGB frames wherever zlib is the same), and because it is faster. The
+files are plain PNG; any reader takes them.
 """
 
 from __future__ import annotations
@@ -28,8 +28,11 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from geoprior.render.frames import FrameFormat
+
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _BINARY = (1, 0, 0, 0, 0)
+_GRAY = (8, 0, 0, 0, 0)
 _RGB = (8, 2, 0, 0, 0)
 _UP_FILTER = 2
 # Level 6 saves 6 to 11 % on binary frames and costs 1.4 to 3.3 times the time.
@@ -52,31 +55,37 @@ def encode_png(frame: NDArray[np.uint8]) -> bytes:
     """
     if frame.ndim == 2:
         return encode_binary_png(pack_white(frame), frame.shape[1])
-    return _png(frame.shape, _RGB, _rgb_rows(frame))
+    return encode_levels_png(frame)
 
 
-def decode_png(data: bytes, shape: tuple[int, ...]) -> NDArray[np.uint8]:
+def encode_levels_png(frame: NDArray[np.uint8]) -> bytes:
+    """Encode one frame of 256 levels without loss: (H, W) uint8 gray, or (H, W, 3) uint8 RGB."""
+    return _png(frame.shape, _RGB if frame.ndim == 3 else _GRAY, _rows(frame))
+
+
+def decode_png(data: bytes, frame_format: FrameFormat) -> NDArray[np.uint8]:
     """Decode one frame and check it.
 
     Args:
         data: The whole PNG; any bit depth and filters that give the expected frame.
-        shape: (H, W) for a binary frame, (H, W, 3) for RGB.
+        frame_format: What is expected.
 
     Returns:
-        uint8 array of that shape; a binary frame holds 0 and 255 only.
+        uint8 array of that format's shape; a binary frame holds 0 and 255 only.
 
     Raises:
         ValueError: It is damaged (a checksum fails), of another size or kind, or not binary.
     """
-    height, width, *rgb = shape
-    pixels = None if rgb else _sole_pixels(data, _binary_head(height, width))
+    kind, height, width = frame_format
+    binary = kind == "binary"
+    pixels = _sole_pixels(data, _binary_head(height, width)) if binary else None
     if pixels is None:
-        size, kind, found = _parse(data)
+        size, depth, found = _parse(data)
         if size != (height, width):
             raise ValueError(f"is {size[0]} x {size[1]} pixels, not {height} x {width}")
-        pixels = found if kind == _BINARY and not rgb else None
+        pixels = found if binary and depth == _BINARY else None
     frame = None if pixels is None else _unpack_binary(pixels, (height, width))
-    return _decode_any(data, shape) if frame is None else frame
+    return _decode_any(data, frame_format) if frame is None else frame
 
 
 def encode_npy(array: NDArray[np.float32]) -> bytes:
@@ -120,6 +129,11 @@ def encode_header(header: EpisodeHeader) -> bytes:
     """
     # Not mode="json": pydantic would write NaN as null without a word.
     content = header.model_dump()
+    for camera in content["cameras"]:
+        if camera["bits"] is None:  # a field that came later: the headers of before keep their bytes
+            del camera["bits"]
+    if not header.targets:  # a field that came later: the headers of before keep their bytes
+        del content["targets"]
     try:
         text = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False, ensure_ascii=False)
     except TypeError as error:
@@ -141,7 +155,7 @@ def decode_header(data: bytes) -> EpisodeHeader:
         raise ValueError(f"{key}: {first['msg']}") from error
 
 
-def _rgb_rows(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _rows(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
     # One filter for every row: 4 times as fast as choosing row by row, and within some % of its size.
     flat = frame.reshape(frame.shape[0], -1)
     rows = np.empty((frame.shape[0], flat.shape[1] + 1), np.uint8)
@@ -228,19 +242,20 @@ def _unpack_binary(pixels: bytes, size: tuple[int, int]) -> NDArray[np.uint8] | 
     return np.multiply(bits, np.uint8(255), out=bits)
 
 
-def _decode_any(data: bytes, shape: tuple[int, ...]) -> NDArray[np.uint8]:
+def _decode_any(data: bytes, frame_format: FrameFormat) -> NDArray[np.uint8]:
     import cv2  # here: binary data never needs it, and workers start faster without
 
     image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     if image is None:
         raise ValueError("is a damaged PNG: its pixels cannot be decoded")
-    if image.shape != shape or image.dtype != np.uint8:
+    rgb = frame_format.kind == "rgb"
+    if image.shape != frame_format.shape or image.dtype != np.uint8:
         found = image.shape[2] if image.ndim == 3 else 1
-        expected = 3 if len(shape) == 3 else 1
+        expected = 3 if rgb else 1
         raise ValueError(f"has {found} channels of {image.dtype}, not {expected} of uint8")
     frame: NDArray[np.uint8] = image
-    if len(shape) == 3:
+    if rgb:
         return np.ascontiguousarray(frame[..., ::-1])
-    if not ((frame == 0) | (frame == 255)).all():
+    if frame_format.kind == "binary" and not ((frame == 0) | (frame == 255)).all():
         raise ValueError("is not binary: a pixel is neither 0 nor 255")
     return frame

@@ -7,13 +7,14 @@ other languages.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from geoprior.errors import DataError
 from geoprior.options import Options
+from geoprior.render.frames import FrameFormat
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
@@ -38,12 +39,28 @@ class CameraHeader(Options):
     )
     height: int = Field(ge=1, le=65_535, description="Rows in pixels.")
     width: int = Field(ge=1, le=65_535, description="Columns in pixels.")
-    channels: Literal[1, 3] = Field(description="1: binary (0 or 255); 3: RGB.")
+    channels: Literal[1, 3] = Field(description="1: binary (0 or 255), or gray; 3: RGB.")
+    bits: Literal[1, 8] | None = Field(
+        None, description="Of a pixel's channel; without it 1 of one channel and 8 of three."
+    )
     intrinsics: _ThreeRows = Field(description="(3, 3) pinhole matrix in pixels.")
     mount: str = Field(description="`world` for a fixed camera, else the name of the hand it rides on.")
     transform_camera_to_mount: _FourRows = Field(
         description="(4, 4); the camera looks along +z, +x right, +y down; metres."
     )
+
+    @property
+    def frame_format(self) -> FrameFormat:
+        """Kind and size of its frames."""
+        if self.channels == 3:
+            return FrameFormat("rgb", self.height, self.width)
+        return FrameFormat("gray" if self.bits == 8 else "binary", self.height, self.width)
+
+    @model_validator(mode="after")
+    def _refuse_coloured_bits(self) -> Self:
+        if (self.channels, self.bits) == (3, 1):
+            raise ValueError("bits: a camera of 3 channels has 8 bits a channel")
+        return self
 
 
 class EpisodeHeader(Options):
@@ -59,6 +76,10 @@ class EpisodeHeader(Options):
     steps: int = Field(ge=1, description="N, the number of time steps.")
     hands: list[str] = Field(min_length=1, description="Names of the hands, in pose order.")
     cameras: list[CameraHeader] = Field(min_length=1, description="In alphabetical order of name.")
+    targets: list[str] = Field(
+        default_factory=list,
+        description="Names of the numbers in `targets.npy`; without them it is not there.",
+    )
     generator: str = Field(description="Program and version that made the episode.")
     details: dict[str, Any] = Field(
         default_factory=dict, description="Primitive, its parameters, robot, and the like."
@@ -77,13 +98,16 @@ class Episode:
             ``gripper``: 0 open, 1 closed.
         action: (N, 8 x hands) float32: the pose commanded at step t, in the same terms. For synthetic
             data it is the pose at step t + 1 (the last one repeats).
-        images: Per camera (N, H, W) uint8 with 0 and 255 only, or (N, H, W, 3) uint8 RGB; top row first.
+        images: Per camera (N, H, W) uint8, of a binary camera with 0 and 255 only, or (N, H, W, 3) uint8
+            RGB; top row first.
+        targets: (N, T) float32, named by the header's `targets`, NaN where there is none; None without names.
     """
 
     header: EpisodeHeader
     pose: NDArray[np.float32]
     action: NDArray[np.float32]
     images: Mapping[str, NDArray[np.uint8]]
+    targets: NDArray[np.float32] | None = None
 
     def validate(self) -> None:
         """Check the arrays against the header.
@@ -93,6 +117,7 @@ class Episode:
         """
         validate_poses(self.header, "pose", self.pose)
         validate_poses(self.header, "action", self.action)
+        validate_targets(self.header, self.targets)
         names = [camera.name for camera in self.header.cameras]
         if names != sorted(set(names)) or set(names) != set(self.images):
             raise DataError(f"{self.header.key}: cameras {names} do not match images {sorted(self.images)}")
@@ -129,9 +154,25 @@ def validate_poses(header: EpisodeHeader, field: str, poses: NDArray[np.float32]
     _require(((gripper == 0.0) | (gripper == 1.0)).all(axis=1), where, "a gripper is not 0 or 1")
 
 
+def validate_targets(header: EpisodeHeader, targets: NDArray[np.float32] | None) -> None:
+    """Check that there are as many targets as names, each a number or NaN.
+
+    Raises:
+        DataError: Naming the sample and the first step at fault.
+    """
+    where = f"{header.key}.targets"
+    if targets is None and not header.targets:
+        return
+    expected = (header.steps, len(header.targets))
+    if targets is None or targets.shape != expected or targets.dtype != np.float32:
+        found = "none" if targets is None else f"{targets.dtype} {targets.shape}"
+        raise DataError(f"{where}: expected float32 {expected}, found {found}")
+    _require(~np.isinf(targets).any(axis=1), where, "a value is infinite")
+
+
 def _validate_images(header: EpisodeHeader, camera: CameraHeader, images: NDArray[np.uint8]) -> None:
     where = f"{header.key}.{camera.name}"
-    frame = (camera.height, camera.width) + ((3,) if camera.channels == 3 else ())
+    frame = camera.frame_format.shape
     if images.shape != (header.steps, *frame) or images.dtype != np.uint8:
         raise DataError(
             f"{where}: expected uint8 {(header.steps, *frame)}, found {images.dtype} {images.shape}"

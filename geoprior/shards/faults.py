@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from geoprior.errors import DataError
+from geoprior.render.frames import FrameFormat
 from geoprior.shards.archive import Member
 from geoprior.shards.codec import decode_header, decode_npy, decode_png
-from geoprior.shards.episode import EpisodeHeader, validate_poses
+from geoprior.shards.episode import EpisodeHeader, validate_poses, validate_targets
 from geoprior.shards.index import (
     ACTION,
     HEADER,
     POSE,
+    TARGETS,
     SampleMembers,
-    frame_shapes,
+    frame_formats,
     frame_suffixes,
     member_faults,
 )
@@ -47,29 +50,37 @@ def sample_faults(sample: SampleMembers, read: Read) -> Iterator[str]:
         yield f"the header's cameras {names} are not in alphabetical order, or not distinct"
     yield from member_faults(sample, header)
     for suffix in (POSE, ACTION):
-        yield from _pose_faults(sample, header, suffix, read)
-    for name, shape in frame_shapes(header).items():
-        yield from _frame_faults(sample, name, header.steps, shape, read)
+        check = partial(validate_poses, header, suffix)
+        yield from _array_faults(sample, header, suffix, read, check)
+    yield from _array_faults(sample, header, TARGETS, read, partial(validate_targets, header))
+    for name, frame in frame_formats(header).items():
+        yield from _frame_faults(sample, name, header.steps, frame, read)
 
 
-def _pose_faults(sample: SampleMembers, header: EpisodeHeader, suffix: str, read: Read) -> Iterator[str]:
+def _array_faults(
+    sample: SampleMembers,
+    header: EpisodeHeader,
+    suffix: str,
+    read: Read,
+    check: Callable[[NDArray[np.float32]], None],
+) -> Iterator[str]:
     if suffix not in sample.members:
         return
-    poses, fault = _decode(read, sample.members[suffix], decode_npy)
-    if poses is None:
+    array, fault = _decode(read, sample.members[suffix], decode_npy)
+    if array is None:
         yield fault
         return
     try:
-        validate_poses(header, suffix, poses)
+        check(array)
     except DataError as error:
         yield error.message.removeprefix(f"{header.key}.")
 
 
 def _frame_faults(
-    sample: SampleMembers, camera: str, steps: int, shape: tuple[int, ...], read: Read
+    sample: SampleMembers, camera: str, steps: int, frame: FrameFormat, read: Read
 ) -> Iterator[str]:
     def decode(data: bytes) -> NDArray[np.uint8]:
-        return decode_png(data, shape)
+        return decode_png(data, frame)
 
     for suffix in frame_suffixes(camera, min(steps, len(sample.members))):
         member = sample.members.get(suffix)

@@ -9,10 +9,11 @@ from functools import lru_cache
 from pathlib import Path
 
 from geoprior.errors import DataError
+from geoprior.render.frames import FrameFormat
 from geoprior.shards.archive import REMEDY, Member, read_members
 from geoprior.shards.episode import EpisodeHeader
 
-HEADER, POSE, ACTION = "json", "pose.npy", "action.npy"
+HEADER, POSE, ACTION, TARGETS = "json", "pose.npy", "action.npy", "targets.npy"
 PICKLED = frozenset({"pkl", "pickle", "pyd", "pth", "pt"})
 
 
@@ -38,18 +39,15 @@ def frame_suffixes(camera: str, steps: int) -> tuple[str, ...]:
 
 
 @lru_cache(maxsize=64)
-def expected_suffixes(cameras: tuple[str, ...], steps: int) -> frozenset[str]:
+def expected_suffixes(cameras: tuple[str, ...], steps: int, *, targets: bool = False) -> frozenset[str]:
     """Suffixes of the members that a sample of these cameras and steps has, no more and no fewer."""
     frames = [suffix for camera in cameras for suffix in frame_suffixes(camera, steps)]
-    return frozenset([HEADER, POSE, ACTION, *frames])
+    return frozenset([HEADER, POSE, ACTION, *([TARGETS] if targets else []), *frames])
 
 
-def frame_shapes(header: EpisodeHeader) -> dict[str, tuple[int, ...]]:
-    """Shape of one frame of each camera: (H, W) if binary, (H, W, 3) if RGB."""
-    return {
-        camera.name: (camera.height, camera.width) + ((3,) if camera.channels == 3 else ())
-        for camera in header.cameras
-    }
+def frame_formats(header: EpisodeHeader) -> dict[str, FrameFormat]:
+    """Kind and size of each camera's frames."""
+    return {camera.name: camera.frame_format for camera in header.cameras}
 
 
 def index_shard(path: Path) -> list[SampleMembers]:
@@ -66,7 +64,8 @@ def member_faults(sample: SampleMembers, header: EpisodeHeader) -> Iterator[str]
     if header.steps > len(sample.members):
         yield f"the header promises {header.steps} steps, there are {len(sample.members)} members in all"
         return
-    expected = expected_suffixes(tuple(camera.name for camera in header.cameras), header.steps)
+    cameras = tuple(camera.name for camera in header.cameras)
+    expected = expected_suffixes(cameras, header.steps, targets=bool(header.targets))
     if missing := sorted(expected - sample.members.keys()):
         yield f"members are missing: {_some(missing)}"
     extra = sorted(sample.members.keys() - expected)

@@ -18,8 +18,9 @@ from geoprior.shards.index import (
     ACTION,
     HEADER,
     POSE,
+    TARGETS,
     SampleMembers,
-    frame_shapes,
+    frame_formats,
     frame_suffixes,
     index_shard,
     member_faults,
@@ -35,13 +36,14 @@ Decoded = TypeVar("Decoded")
 
 @dataclass(frozen=True)
 class _Entry:
-    """Where one episode lies: number of its shard, three members, and per camera (N, 2) offset and size."""
+    """Where one episode lies: number of its shard, its arrays, and per camera (N, 2) offset and size."""
 
     shard: int
     key: str
     header: Member
     pose: Member
     action: Member
+    targets: Member | None
     frames: dict[str, NDArray[np.int64]]
 
 
@@ -59,9 +61,10 @@ class EpisodeStore:
         path: As given.
         manifest: Of the folder, or made up for one tar.
         cameras: Names of the cameras, in alphabetical order.
-        frame_shapes: Per camera (H, W) if binary, (H, W, 3) if RGB.
+        frame_formats: Kind and size of each camera's frames.
         hands: Names of the hands, in pose order.
         fps: Time steps a second.
+        target_names: What the numbers of `targets` are; none where the episodes have none.
 
     Raises:
         DataError: The manifest or a shard is missing, cut off or damaged, or two episodes disagree on
@@ -77,10 +80,11 @@ class EpisodeStore:
         self._files = SpanReader(files)
         self._entries: list[_Entry] = []
         first = self._index_all()
-        self.frame_shapes = frame_shapes(first)
-        self.cameras = tuple(self.frame_shapes)
+        self.frame_formats = frame_formats(first)
+        self.cameras = tuple(self.frame_formats)
         self.hands = tuple(first.hands)
         self.fps = first.fps
+        self.target_names = tuple(first.targets)
 
     def __len__(self) -> int:
         return len(self._entries)
@@ -89,6 +93,11 @@ class EpisodeStore:
     def keys(self) -> tuple[str, ...]:
         """Keys of the episodes."""
         return tuple(entry.key for entry in self._entries)
+
+    @property
+    def frame_shapes(self) -> dict[str, tuple[int, ...]]:
+        """Per camera (H, W) if binary or gray, (H, W, 3) if RGB."""
+        return {name: frame.shape for name, frame in self.frame_formats.items()}
 
     @property
     def image_size(self) -> tuple[int, int]:
@@ -139,6 +148,11 @@ class EpisodeStore:
         entry = self._entries[i]
         return self._read(entry.shard, entry.action, decode_npy)
 
+    def targets(self, i: int) -> NDArray[np.float32] | None:
+        """(N, T) float32 targets of episode ``i``, or None where the episodes have none; see `Episode`."""
+        entry = self._entries[i]
+        return None if entry.targets is None else self._read(entry.shard, entry.targets, decode_npy)
+
     def frames(self, i: int, camera: str, steps: Sequence[int]) -> NDArray[np.uint8]:
         """Frames of one camera.
 
@@ -148,31 +162,31 @@ class EpisodeStore:
             steps: S time steps in [0, N), in any order, repeated or not.
 
         Returns:
-            (S, H, W) uint8, 0 or 255, or (S, H, W, 3) RGB.
+            (S, H, W) uint8, of a binary camera 0 or 255, or (S, H, W, 3) RGB.
 
         Raises:
             IndexError: A step is outside the episode.
             DataError: There is no such camera, or a frame is damaged.
         """
-        if camera not in self.frame_shapes:
+        if camera not in self.frame_formats:
             raise DataError(f"{self.path}: no camera {camera!r}", f"choices: {', '.join(self.cameras)}")
-        entry, shape = self._entries[i], self.frame_shapes[camera]
+        entry, frame = self._entries[i], self.frame_formats[camera]
         spans = entry.frames[camera]
         suffixes = frame_suffixes(camera, len(spans))
-        frames = np.empty((len(steps), *shape), np.uint8)
+        frames = np.empty((len(steps), *frame.shape), np.uint8)
         for row, step in enumerate(steps):
             if not 0 <= step < len(spans):
                 raise IndexError(f"{entry.key}: step {step} is not in 0 to {len(spans) - 1}")
             offset, size = spans[step].tolist()
             member = Member(f"{entry.key}.{suffixes[step]}", offset, size)
-            frames[row] = self._read(entry.shard, member, lambda data: decode_png(data, shape))
+            frames[row] = self._read(entry.shard, member, lambda data: decode_png(data, frame))
         return frames
 
     def episode(self, i: int) -> Episode:
         """All of episode ``i``."""
         header = self.header(i)
         images = {name: self.frames(i, name, range(header.steps)) for name in self.cameras}
-        return Episode(header, self.pose(i), self.action(i), images)
+        return Episode(header, self.pose(i), self.action(i), images, self.targets(i))
 
     def _index_all(self) -> EpisodeHeader:
         """Fill ``_entries``; returns the first header, with which all others agree."""
@@ -221,11 +235,17 @@ def _entry(shard: int, sample: SampleMembers, header: EpisodeHeader) -> _Entry:
     for camera in header.cameras:
         found = [members[suffix] for suffix in frame_suffixes(camera.name, header.steps)]
         frames[camera.name] = np.array([(member.offset, member.size) for member in found], np.int64)
-    return _Entry(shard, sample.key, members[HEADER], members[POSE], members[ACTION], frames)
+    arrays = members[POSE], members[ACTION], members.get(TARGETS)
+    return _Entry(shard, sample.key, members[HEADER], *arrays, frames)
 
 
 def _layout(header: EpisodeHeader) -> dict[str, Any]:
-    return {"cameras": frame_shapes(header), "hands": header.hands, "fps": header.fps}
+    return {
+        "cameras": {name: str(frame) for name, frame in frame_formats(header).items()},
+        "hands": header.hands,
+        "fps": header.fps,
+        "targets": header.targets,
+    }
 
 
 def _require_agreement(path: Path, first: EpisodeHeader, other: EpisodeHeader) -> None:

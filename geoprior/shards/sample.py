@@ -10,10 +10,12 @@ import numpy as np
 
 from geoprior.errors import DataError
 from geoprior.shards.binary_png import pack_white
-from geoprior.shards.episode import Episode, EpisodeHeader, validate_poses
+from geoprior.shards.episode import Episode, EpisodeHeader, validate_poses, validate_targets
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+    from geoprior.render.frames import FrameFormat
 
 Blocks = Callable[[], Iterator["NDArray[np.uint8]"]]
 _BLOCK_BYTES = 1 << 21
@@ -28,13 +30,16 @@ class Sample:
         pose: (N, 8 x hands) float32; see `Episode`.
         action: (N, 8 x hands) float32; see `Episode`.
         frames: Per camera a function that yields its frames in order, some at a time: (n, H, ceil(W / 8))
-            uint8 of a binary camera, as `numpy.packbits` gives them, or (n, H, W, 3) uint8 RGB.
+            uint8 of a binary camera, as `numpy.packbits` gives them, (n, H, W) uint8 gray or (n, H, W, 3)
+            uint8 RGB: what a renderer draws.
+        targets: (N, T) float32 or None; see `Episode`.
     """
 
     header: EpisodeHeader
     pose: NDArray[np.float32]
     action: NDArray[np.float32]
     frames: Mapping[str, Blocks]
+    targets: NDArray[np.float32] | None = None
 
 
 def sample_of(episode: Episode) -> Sample:
@@ -47,10 +52,10 @@ def sample_of(episode: Episode) -> Sample:
     episode.validate()
     key = episode.header.key
     frames = {
-        camera.name: _blocks_of(f"{key}.{camera.name}", episode.images[camera.name], camera.channels)
+        camera.name: _blocks_of(f"{key}.{camera.name}", episode.images[camera.name], camera.frame_format)
         for camera in episode.header.cameras
     }
-    return Sample(episode.header, episode.pose, episode.action, frames)
+    return Sample(episode.header, episode.pose, episode.action, frames, episode.targets)
 
 
 def check_sample(sample: Sample) -> None:
@@ -62,6 +67,7 @@ def check_sample(sample: Sample) -> None:
     header = sample.header
     validate_poses(header, "pose", sample.pose)
     validate_poses(header, "action", sample.action)
+    validate_targets(header, sample.targets)
     names = [camera.name for camera in header.cameras]
     if names != sorted(set(names)) or set(names) != set(sample.frames):
         raise DataError(f"{header.key}: cameras {names} do not match frames of {sorted(sample.frames)}")
@@ -74,10 +80,11 @@ def block_slices(steps: int, frame_bytes: int) -> Iterator[slice]:
         yield slice(first, min(first + size, steps))
 
 
-def _blocks_of(where: str, images: NDArray[np.uint8], channels: int) -> Blocks:
+def _blocks_of(where: str, images: NDArray[np.uint8], frame: FrameFormat) -> Blocks:
     def blocks() -> Iterator[NDArray[np.uint8]]:
         for steps in block_slices(len(images), images[0].nbytes):
-            yield images[steps] if channels == 3 else _packed(where, images[steps], steps.start)
+            binary = frame.kind == "binary"
+            yield _packed(where, images[steps], steps.start) if binary else images[steps]
 
     return blocks
 

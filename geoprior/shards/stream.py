@@ -20,8 +20,9 @@ from geoprior.shards.index import (
     ACTION,
     HEADER,
     POSE,
+    TARGETS,
     SampleMembers,
-    frame_shapes,
+    frame_formats,
     frame_suffixes,
     member_faults,
 )
@@ -29,6 +30,8 @@ from geoprior.shards.manifest import check_length, read_manifest
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+    from geoprior.render.frames import FrameFormat
 
 
 def iterate(folder: Path) -> Iterator[Episode]:
@@ -75,16 +78,17 @@ def _episode(sample: Mapping[str, Any]) -> Episode:
 def _decoded(where: str, header: EpisodeHeader, contents: Mapping[str, bytes]) -> Episode:
     try:
         images = {
-            name: np.stack([_frame(contents, suffix, shape) for suffix in frame_suffixes(name, header.steps)])
-            for name, shape in frame_shapes(header).items()
+            name: np.stack([_frame(contents, suffix, frame) for suffix in frame_suffixes(name, header.steps)])
+            for name, frame in frame_formats(header).items()
         }
-        return Episode(header, decode_npy(contents[POSE]), decode_npy(contents[ACTION]), images)
+        targets = decode_npy(contents[TARGETS]) if header.targets else None
+        return Episode(header, decode_npy(contents[POSE]), decode_npy(contents[ACTION]), images, targets)
     except ValueError as error:
         raise DataError(f"{where}: {error}", REMEDY) from error
 
 
-def _frame(contents: Mapping[str, bytes], suffix: str, shape: tuple[int, ...]) -> NDArray[np.uint8]:
+def _frame(contents: Mapping[str, bytes], suffix: str, frame: FrameFormat) -> NDArray[np.uint8]:
     try:
-        return decode_png(contents[suffix], shape)
+        return decode_png(contents[suffix], frame)
     except ValueError as error:
         raise ValueError(f"{suffix} {error}") from error

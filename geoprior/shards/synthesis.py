@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import groupby
 from typing import TYPE_CHECKING, Any, cast
@@ -13,18 +14,21 @@ from geoprior import __version__
 from geoprior.errors import ConfigError, PluginError
 from geoprior.files import sha256_json
 from geoprior.geometry.se3 import invert
-from geoprior.geometry.seeding import generator, integer_seed
+from geoprior.geometry.seeding import child, generator, integer_seed
 from geoprior.hooks.manager import plugins
 from geoprior.motions.trajectory import ways_of_objects
 from geoprior.options import recipe_tree
-from geoprior.render import rig
+from geoprior.render import frames, rig
 from geoprior.render.variation import vary
+from geoprior.scene.bystanders import draw_bystanders
 from geoprior.scene.mesh import extents
 from geoprior.scene.objects import OBJECT
+from geoprior.scene.ranges import uniform
 from geoprior.scene.scene import draw_scene
 from geoprior.shards.episode import WORLD, CameraHeader, Episode, EpisodeHeader, can_be_told_apart
 from geoprior.shards.others import others_of, require_known_objects
 from geoprior.shards.sample import Sample, block_slices
+from geoprior.shards.targets import compute_targets, target_names
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -37,6 +41,7 @@ if TYPE_CHECKING:
     from geoprior.motions.trajectory import Trajectory
     from geoprior.options import Choice
     from geoprior.render.clouds import Shot
+    from geoprior.render.frames import FrameKind
     from geoprior.scene.config import OtherConfig
     from geoprior.scene.mesh import Mesh
     from geoprior.scene.objects import SceneObject
@@ -93,22 +98,31 @@ class Studio:
         config: The data set's config.
         cameras: Lenses and size of the frames.
         seed: Root seed.
+        episodes: Of each motion in an epoch; see `steps_of`. None takes the config's.
 
     Raises:
         ConfigError: A name or an option is unknown, or the config's motions do not move the same hands.
         PluginError: See `hands_of`.
     """
 
-    def __init__(self, config: GenerateConfig, cameras: CamerasConfig, seed: int) -> None:
+    def __init__(
+        self, config: GenerateConfig, cameras: CamerasConfig, seed: int, episodes: int | None = None
+    ) -> None:
         self.config, self.cameras, self.seed = config, cameras, seed
+        self._episodes = episodes
         build = plugins().build
         self.renderer: Renderer = build("renderer", config.renderer)
+        self.frames: FrameKind = frames.frame_kind(self.renderer, config.renderer.name)
         self._primitives: dict[str, Primitive] = {}
         for choice in config.primitives:
             self._primitive(choice)
         self._variants: list[Variant] = [build("variant", choice) for choice in config.variants]
         self._plans: dict[str, _Plan] = {}
         _require_same_hands(config.motions)
+
+    def steps(self, motion: Choice, index: int) -> int:
+        """N, the time steps of an episode; see `stage` and `steps_of`."""
+        return steps_of(self.config, self.seed, motion, index, self._episodes)
 
     def stage(self, motion: Choice, index: int) -> Take:
         """Draw the scene and plan the motion of one episode, without rendering it.
@@ -130,13 +144,14 @@ class Studio:
         }
         beside = {name: (where, drawn[name][1]) for name, where in plan.others.items()}
         scene = draw_scene(self.config.scene, self.cameras, mesh, rng, plan.hands, beside)
-        trajectory = plan.motion.plan(scene, self.config.steps, rng)
+        trajectory = plan.motion.plan(scene, self.steps(motion, index), rng)
         if tuple(trajectory.hands) != plan.hands:
             raise PluginError(
                 f"motion {motion.name!r}: planned ways for {list(trajectory.hands)}, its spec names "
                 f"{list(plan.hands)}"
             )
         require_known_objects(motion, scene, trajectory)
+        scene = replace(scene, bystanders=self._bystanders(scene, trajectory, child(rng, "distractors")))
         looks = integer_seed(self.seed, "render", motion.name, index)
         shots = vary(rig.shots(scene, trajectory, looks), self._variants)
         kinds = {name: choice for name, (choice, _) in drawn.items()}
@@ -146,15 +161,30 @@ class Studio:
         """Make one episode as it is written; its frames are drawn when they are asked for. See `stage`."""
         take = self.stage(motion, index)
         header, pose = self._header_and_pose(take, motion, index)
-        frames = {name: partial(self._blocks, shot) for name, shot in take.shots.items()}
-        return Sample(header, pose, next_poses(pose), frames)
+        blocks = {name: partial(self._blocks, shot) for name, shot in take.shots.items()}
+        return Sample(header, pose, next_poses(pose), blocks, self.targets(take))
 
     def episode(self, motion: Choice, index: int) -> Episode:
         """Make one episode in memory; see `stage`."""
         take = self.stage(motion, index)
         header, pose = self._header_and_pose(take, motion, index)
-        images = {name: rig.render(self.renderer, shot) for name, shot in take.shots.items()}
-        return Episode(header, pose, next_poses(pose), images)
+        images = {
+            name: frames.unpacked(self.frames, self.draw(shot), shot.view.width)
+            for name, shot in take.shots.items()
+        }
+        return Episode(header, pose, next_poses(pose), images, self.targets(take))
+
+    def targets(self, take: Take) -> NDArray[np.float32] | None:
+        """(N, T) targets of an episode, or None where the config wants none; see `compute_targets`."""
+        return compute_targets(take.trajectory, take.shots) if self.config.targets else None
+
+    def draw(self, shot: Shot) -> NDArray[np.uint8]:
+        """Draw a shot as the config's renderer does; see `geoprior.render.frames.draw`.
+
+        Raises:
+            PluginError: The renderer's frames are not what it says that it draws.
+        """
+        return frames.draw(self.renderer, shot, self.config.renderer.name)
 
     def recipe(self, motion: Choice) -> str:
         """See `recipe`."""
@@ -163,6 +193,22 @@ class Studio:
     def _draw_solid(self, choices: Sequence[Choice], rng: np.random.Generator) -> tuple[Choice, Mesh]:
         choice = choices[int(rng.integers(len(choices)))]
         return choice, self._primitive(choice).sample(rng)
+
+    def _bystanders(
+        self, scene: Scene, trajectory: Trajectory, rng: np.random.Generator
+    ) -> Sequence[SceneObject]:
+        config = self.config.scene
+        if config.distractors is None:
+            return ()
+        choices = config.distractors.primitives or self.config.primitives
+        return draw_bystanders(
+            config.distractors,
+            config.object.density,
+            scene,
+            trajectory,
+            lambda: self._draw_solid(choices, rng)[1],
+            rng,
+        )
 
     def _primitive(self, choice: Choice) -> Primitive:
         key = choice.model_dump_json()
@@ -183,10 +229,9 @@ class Studio:
         return self._plans[key]
 
     def _blocks(self, shot: Shot) -> Iterator[NDArray[np.uint8]]:
-        frame_bytes = shot.view.height * -(-shot.view.width // 8)
-        for steps in block_slices(shot.steps, frame_bytes):
-            part = shot.at(steps)
-            yield self.renderer.render(part.clouds, part.view, part.steps)
+        frame = frames.FrameFormat(self.frames, shot.view.height, shot.view.width)
+        for steps in block_slices(shot.steps, math.prod(frame.drawn_shape)):
+            yield self.draw(shot.at(steps))
 
     def _header_and_pose(
         self, take: Take, motion: Choice, index: int
@@ -202,7 +247,10 @@ class Studio:
             fps=config.fps,
             steps=len(pose),
             hands=list(take.trajectory.hands),
-            cameras=_camera_headers(take),
+            cameras=_camera_headers(take, self.frames),
+            targets=list(
+                target_names(tuple(take.trajectory.hands), tuple(take.shots)) if config.targets else ()
+            ),
             generator=f"geoprior {__version__}",
             details=_details(take) | _named_variants(config) | {"recipe": self.recipe(motion)},
         )
@@ -250,6 +298,25 @@ def _require_same_hands(motions: Sequence[Choice]) -> None:
             )
 
 
+def steps_of(
+    config: GenerateConfig, seed: int, motion: Choice, index: int, episodes: int | None = None
+) -> int:
+    """N, the time steps of one episode.
+
+    Args:
+        config: The data set's config.
+        seed: Root seed.
+        motion: The episode's motion.
+        index: Its number within the motion.
+        episodes: Of each motion in an epoch: an episode is as long as the one that has its place in the first
+            epoch. None takes the config's.
+    """
+    if not isinstance(config.seconds, tuple):
+        return config.steps
+    rng = generator(seed, "duration", motion.name, index % (episodes or config.episodes))
+    return round(config.fps * uniform(rng, config.seconds))
+
+
 def next_poses(pose: NDArray[np.float32]) -> NDArray[np.float32]:
     """Actions (N, 8 x hands): the pose at the next step; the last repeats."""
     return np.concatenate([pose[1:], pose[-1:]])
@@ -270,25 +337,26 @@ def _named_variants(config: GenerateConfig) -> dict[str, list[str]]:
     return {"variants": [variant.name for variant in config.variants]} if config.variants else {}
 
 
-def _camera_headers(take: Take) -> list[CameraHeader]:
+def _camera_headers(take: Take, kind: FrameKind) -> list[CameraHeader]:
     scene = take.scene
     third = invert(scene.third_view.transforms_world_to_camera)
-    headers = [_camera_header(rig.THIRD, scene.third_view, WORLD, third)]
+    headers = [_camera_header(rig.THIRD, kind, scene.third_view, WORLD, third)]
     headers += [
-        _camera_header(name, hand.view, name, hand.transform_camera_to_hand)
+        _camera_header(name, kind, hand.view, name, hand.transform_camera_to_hand)
         for name, hand in scene.hands.items()
     ]
     return sorted(headers, key=lambda header: header.name)
 
 
 def _camera_header(
-    name: str, view: View, mount: str, transform_camera_to_mount: NDArray[np.float64]
+    name: str, kind: FrameKind, view: View, mount: str, transform_camera_to_mount: NDArray[np.float64]
 ) -> CameraHeader:
     return CameraHeader(
         name=name,
         height=view.height,
         width=view.width,
-        channels=1,
+        channels=3 if kind == "rgb" else 1,
+        bits=8 if kind == "gray" else None,
         intrinsics=view.intrinsics.tolist(),
         mount=mount,
         transform_camera_to_mount=transform_camera_to_mount.tolist(),
@@ -313,7 +381,9 @@ def _details(take: Take) -> dict[str, Any]:
         }
         for name, other in scene.others.items()
     }
-    return details | ({"others": others} if others else {})
+    setback = next(iter(scene.hands.values())).setback
+    added = {"others": others, "hand_setback": setback}
+    return details | {name: value for name, value in added.items() if value}
 
 
 def _object_details(drawn: SceneObject, way: NDArray[np.float64]) -> dict[str, Any]:

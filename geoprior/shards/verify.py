@@ -41,8 +41,8 @@ def verify(path: Path) -> Iterator[Fault]:
 
     Checks the manifest, every shard's length and hash, the samples' keys, their members (missing, extra,
     repeated, pickled), headers, poses (finite, quaternions of unit length and continuous, grippers 0 or 1),
-    that every frame decodes to its camera's size and kind, and that the episodes agree on cameras, hands
-    and fps. One tar is checked for itself alone.
+    targets (as many as their names, never infinite), that every frame decodes to its camera's size and kind,
+    and that the episodes agree on cameras, hands, fps and targets. One tar is checked for itself alone.
 
     Raises:
         DataError: It is no folder of shards at all; the hint says where there are some.
@@ -61,8 +61,8 @@ def info(path: Path) -> dict[str, Any]:
 
     Returns:
         ``path``, ``shards``, ``episodes``, ``steps``, ``bytes``, ``fps``, ``hands``, ``cameras`` (rows,
-        columns, channels of each), ``motions``, ``sources`` and ``generators`` (episodes of each), and
-        ``digest``.
+        columns, channels of each), ``frames`` (``binary``, ``gray`` or ``rgb`` of each), ``targets``,
+        ``motions``, ``sources`` and ``generators`` (episodes of each), and ``digest``.
 
     Raises:
         DataError: It cannot be opened; see `EpisodeStore`.
@@ -78,6 +78,8 @@ def info(path: Path) -> dict[str, Any]:
         "fps": store.fps,
         "hands": list(store.hands),
         "cameras": {name: [*shape[:2], *(shape[2:] or (1,))] for name, shape in store.frame_shapes.items()},
+        "frames": {name: frame.kind for name, frame in store.frame_formats.items()},
+        "targets": list(store.target_names),
         "motions": dict(sorted(Counter(header.motion for header in headers).items())),
         "sources": dict(sorted(Counter(header.source for header in headers).items())),
         "generators": dict(sorted(Counter(header.generator for header in headers).items())),

@@ -11,12 +11,16 @@ from geoprior.errors import DataError
 from geoprior.files import atomic_path
 from geoprior.shards.archive import ArchiveWriter
 from geoprior.shards.binary_png import encode_binary_png, encode_members
-from geoprior.shards.codec import encode_header, encode_npy, encode_png
-from geoprior.shards.index import ACTION, HEADER, POSE, frame_suffixes
+from geoprior.shards.codec import encode_header, encode_levels_png, encode_npy
+from geoprior.shards.index import ACTION, HEADER, POSE, TARGETS, frame_suffixes
 from geoprior.shards.manifest import ShardRecord, check_name
 from geoprior.shards.sample import Sample, check_sample, sample_of
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from geoprior.render.frames import FrameFormat
     from geoprior.shards.episode import CameraHeader, Episode
 
 
@@ -83,8 +87,13 @@ def encode_episode(episode: Episode) -> Iterator[tuple[str, bytes]]:
         suffixes = iter(frame_suffixes(camera.name, episode.header.steps))
         for block in sample.frames[camera.name]():
             for frame in block:
-                binary = camera.channels == 1
-                yield next(suffixes), encode_binary_png(frame, camera.width) if binary else encode_png(frame)
+                yield next(suffixes), _encode_frame(frame, camera.frame_format)
+
+
+def _encode_frame(frame: NDArray[np.uint8], frame_format: FrameFormat) -> bytes:
+    if frame_format.kind == "binary":
+        return encode_binary_png(frame, frame_format.width)
+    return encode_levels_png(frame)
 
 
 def _add(path: Path, archive: ArchiveWriter, sample: Sample) -> None:
@@ -106,11 +115,11 @@ def _add_frames(archive: ArchiveWriter, sample: Sample, camera: CameraHeader) ->
     key, step = sample.header.key, 0
     suffixes = frame_suffixes(camera.name, sample.header.steps)
     for block in sample.frames[camera.name]():
-        if camera.channels == 1:
+        if camera.frame_format.kind == "binary":
             archive.add_blocks(encode_members(block, camera.width, f"{key}.{suffixes[0]}", step).data)
         else:
             for suffix, frame in zip(suffixes[step:], block, strict=False):
-                archive.add(f"{key}.{suffix}", encode_png(frame))
+                archive.add(f"{key}.{suffix}", encode_levels_png(frame))
         step += len(block)
     if step != sample.header.steps:
         raise DataError(f"{key}.{camera.name}: {step} frames were made, not {sample.header.steps}")
@@ -121,4 +130,5 @@ def _small_members(sample: Sample) -> dict[str, bytes]:
         header = encode_header(sample.header)
     except ValueError as error:
         raise DataError(f"{sample.header.key}: the header cannot be written as JSON: {error}") from error
-    return {HEADER: header, POSE: encode_npy(sample.pose), ACTION: encode_npy(sample.action)}
+    targets = {} if sample.targets is None else {TARGETS: encode_npy(sample.targets)}
+    return {HEADER: header, POSE: encode_npy(sample.pose), ACTION: encode_npy(sample.action), **targets}

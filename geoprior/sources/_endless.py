@@ -8,8 +8,9 @@ import numpy as np
 
 from geoprior.files import sha256_json
 from geoprior.progress import track
-from geoprior.render.packing import unpack_frames
+from geoprior.render.frames import unpacked
 from geoprior.shards.synthesis import hands_of, recipe
+from geoprior.shards.targets import target_names
 from geoprior.sources._stager import Stager, StagerConfig
 from geoprior.sources._turnover import Turnover
 from geoprior.sources._workers import Worker, WorkerHere, WorkerProcess
@@ -31,7 +32,7 @@ class EndlessSource:
     """See `geoprior.sources.source.Source`: most epochs bring episodes that no epoch before had.
 
     Each worker serves slots of its own, so that an episode is staged once, whatever their number. Only the
-    moments wanted come back, frames packed: a KiB each at 64 x 64.
+    moments wanted come back, binary frames packed: half a KiB each at 64 x 64.
 
     Args:
         config: Of the source.
@@ -45,15 +46,18 @@ class EndlessSource:
     def __init__(self, config: EndlessConfig, context: SourceContext, *, quiet: bool = False) -> None:
         generate = context.generate
         self._motions = len(generate.motions)
-        self._turnover = Turnover((config.episodes or generate.episodes) * self._motions, config.keep)
+        episodes = config.episodes or generate.episodes
+        self._turnover = Turnover(episodes * self._motions, config.keep)
         self.hands = hands_of(generate.motions[0])
         self.image_size = context.cameras.height, context.cameras.width
         self.fps = generate.fps
         self.digest = _digest(context, self._turnover)
-        self._workers = _start(config.workers, context)
+        self._workers = _start(config.workers, context, episodes)
         try:
             self.poses, self.actions = self._first_epoch(quiet=quiet)
             self.cameras = self._workers[0].ask(Stager.cameras)()
+            self._frames = self._workers[0].ask(Stager.frames)()
+            self.targets = target_names(self.hands, self.cameras) if generate.targets else ()
         except BaseException:
             self.close()
             raise
@@ -78,9 +82,12 @@ class EndlessSource:
             pose=np.concatenate([part.pose for part in parts])[order],
             action=np.concatenate([part.action for part in parts])[order],
             frames={
-                camera: unpack_frames(np.concatenate([part.frames[camera] for part in parts])[order], width)
+                camera: unpacked(
+                    self._frames, np.concatenate([part.frames[camera] for part in parts])[order], width
+                )
                 for camera in self.cameras
             },
+            targets=_joined([part.targets for part in parts if part.targets is not None], order),
         )
 
     def close(self) -> None:
@@ -123,9 +130,13 @@ class EndlessSource:
                 yield worker, mine[first : first + _PORTION]
 
 
-def _start(count: int, context: SourceContext) -> list[Worker]:
+def _joined(parts: Sequence[NDArray[np.float32]], order: NDArray[np.int64]) -> NDArray[np.float32] | None:
+    return np.concatenate(parts)[order] if parts else None
+
+
+def _start(count: int, context: SourceContext, episodes: int) -> list[Worker]:
     share = context.cache_bytes // max(1, count)
-    config = StagerConfig(context.generate, context.cameras, context.seed, share)
+    config = StagerConfig(context.generate, context.cameras, context.seed, share, episodes)
     return [WorkerProcess(config) for _ in range(count)] if count else [WorkerHere(config)]
 
 

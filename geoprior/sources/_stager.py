@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from geoprior.geometry.camera import CamerasConfig
     from geoprior.render.clouds import Shot
+    from geoprior.render.frames import FrameKind
     from geoprior.shards.config import GenerateConfig
 
 
@@ -30,12 +31,15 @@ class StagerConfig:
         cameras: Lenses and size of the frames.
         seed: Root seed.
         cache_bytes: Memory for staged episodes.
+        episodes: Of each motion in an epoch, so that a slot's episodes are of one length; None takes the
+            config's.
     """
 
     generate: GenerateConfig
     cameras: CamerasConfig
     seed: int
     cache_bytes: int
+    episodes: int | None = None
 
 
 @dataclass(frozen=True)
@@ -44,6 +48,7 @@ class _Staged:
     pose: NDArray[np.float32]
     action: NDArray[np.float32]
     shots: Mapping[str, Shot]
+    targets: NDArray[np.float32] | None
     bytes: int
 
 
@@ -59,7 +64,7 @@ class Stager:
     """
 
     def __init__(self, config: StagerConfig) -> None:
-        self._studio = Studio(config.generate, config.cameras, config.seed)
+        self._studio = Studio(config.generate, config.cameras, config.seed, config.episodes)
         self._generate = config.generate
         self._room = config.cache_bytes
         self._kept: dict[int, _Staged] = {}
@@ -67,6 +72,10 @@ class Stager:
     def cameras(self) -> tuple[str, ...]:
         """Names of the cameras of every episode."""
         return tuple(self._staged(0, 0).shots)
+
+    def frames(self) -> FrameKind:
+        """What the frames of `moments` are."""
+        return self._studio.frames
 
     def trajectories(
         self, slots: Sequence[int], episodes: Sequence[int]
@@ -88,10 +97,10 @@ class Stager:
             steps: (B, C); see `geoprior.sources.source.Source.read`.
 
         Returns:
-            Its frames are packed: (B, H, ceil(W / 8)).
+            Its frames are as the renderer draws them: binary ones are packed.
 
         Raises:
-            GeopriorError: An episode cannot be staged.
+            GeopriorError: An episode cannot be staged or drawn.
         """
         staged = [self._staged(slot, episode) for slot, episode in zip(slots, episodes, strict=True)]
         times = steps[:, 0].tolist()
@@ -104,11 +113,11 @@ class Stager:
                 )
                 for camera in staged[0].shots
             },
+            targets=_targets(staged, times),
         )
 
     def _draw(self, shot: Shot, time: int) -> NDArray[np.uint8]:
-        moment = shot.at(slice(time, time + 1))
-        return self._studio.renderer.render(moment.clouds, moment.view, moment.steps)
+        return self._studio.draw(shot.at(slice(time, time + 1)))
 
     def _staged(self, slot: int, episode: int) -> _Staged:
         kept = self._kept.get(slot)
@@ -127,14 +136,23 @@ class Stager:
         motion = self._generate.motions[turn]
         take = self._studio.stage(motion, index)
         pose = take.trajectory.pose()
-        if len(pose) != self._generate.steps:
+        steps = self._studio.steps(motion, index)
+        if len(pose) != steps:
             raise PluginError(
-                f"motion {motion.name!r}: planned {len(pose)} time steps where {self._generate.steps} were "
-                "asked for",
+                f"motion {motion.name!r}: planned {len(pose)} time steps where {steps} were asked for",
                 "mend the plug-in, or train on the source `shards`",
             )
         action = next_poses(pose)
-        return _Staged(episode, pose, action, take.shots, pose.nbytes + action.nbytes + _bytes_of(take.shots))
+        targets = self._studio.targets(take)
+        size = (
+            pose.nbytes + action.nbytes + _bytes_of(take.shots) + (0 if targets is None else targets.nbytes)
+        )
+        return _Staged(episode, pose, action, take.shots, targets, size)
+
+
+def _targets(staged: Sequence[_Staged], times: Sequence[int]) -> NDArray[np.float32] | None:
+    rows = [one.targets[time] for one, time in zip(staged, times, strict=True) if one.targets is not None]
+    return np.stack(rows) if rows else None
 
 
 def _bytes_of(shots: Mapping[str, Shot]) -> int:

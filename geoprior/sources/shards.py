@@ -37,10 +37,11 @@ class ShardSource:
 
     def __init__(self, store: EpisodeStore, cache_bytes: int = 0) -> None:
         self.cameras, self.hands, self.image_size = store.cameras, store.hands, store.image_size
-        self.fps, self.digest = store.fps, store.digest
+        self.fps, self.digest, self.targets = store.fps, store.digest, store.target_names
         episodes = range(len(store))
         self.poses = tuple(store.pose(i) for i in episodes)
         self.actions = tuple(store.action(i) for i in episodes)
+        self._targets = tuple(store.targets(i) for i in episodes) if self.targets else ()
         self._store, self._room = store, cache_bytes
         self._kept: dict[tuple[int, str, int], NDArray[np.uint8]] = {}
 
@@ -62,6 +63,7 @@ class ShardSource:
                 camera: np.concatenate([self._frame(episode, camera, time) for episode, time in moments])
                 for camera in self.cameras
             },
+            targets=np.stack([self._targets[i][time] for i, time in moments]) if self.targets else None,
         )
 
     def close(self) -> None:

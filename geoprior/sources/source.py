@@ -42,12 +42,14 @@ class Moments:
     Attributes:
         pose: (B, pose_size) float32, where the hands are.
         action: (B, C, pose_size) float32, what is commanded at C time steps of the moment's episode.
-        frames: Per camera (B, H, W) uint8, 0 or 255, or (B, H, W, 3) RGB.
+        frames: Per camera (B, H, W) uint8, binary (0 or 255) or gray, or (B, H, W, 3) RGB.
+        targets: (B, T) float32 of what the source's `targets` names, NaN where there is none; None without.
     """
 
     pose: NDArray[np.float32]
     action: NDArray[np.float32]
     frames: Mapping[str, NDArray[np.uint8]]
+    targets: NDArray[np.float32] | None = None
 
 
 class Source(Protocol):
@@ -57,6 +59,10 @@ class Source(Protocol):
     whole training: number ``k * len(source) + s`` is what stands in slot ``s`` in epoch ``k``. A source of so
     many recorded episodes gives the same ones in every epoch; one that makes episodes may give others. What a
     number stands for never depends on what was read before.
+
+    One attribute more may be there: ``targets``, a tuple of T names, says what the numbers of
+    `Moments.targets` are, for policies that learn them on the side; see `geoprior.shards.targets`. Ask for it
+    with `targets_of`.
     """
 
     @property
@@ -114,3 +120,9 @@ class Source(Protocol):
     def close(self) -> None:
         """Let go of files and processes; nothing is read afterwards. May be called twice."""
         ...
+
+
+def targets_of(source: Source) -> tuple[str, ...]:
+    """Names of the source's targets; none of a source that knows of none."""
+    names: tuple[str, ...] = getattr(source, "targets", ())
+    return names

@@ -18,6 +18,8 @@ from geoprior.lanes import stay_alone
 from geoprior.policies.normalise import FeatureStatistics, Normaliser, measure, normalise_images
 from geoprior.policies.policy import Batch, Features
 from geoprior.policies.predictor import stack_cameras
+from geoprior.policies.targets import scale_targets
+from geoprior.sources.source import targets_of
 from geoprior.training.frames import add_noise, shift_frames
 from geoprior.training.order import SampleOrder
 
@@ -28,9 +30,10 @@ if TYPE_CHECKING:
     from geoprior.training.config import TrainConfig
 
 
-def features_of(source: Source, chunk: int) -> Features:
-    """What a policy of that chunk sees and says here."""
-    return Features(source.cameras, source.image_size, source.hands, chunk)
+def features_of(source: Source, chunk: int, *, targets: bool = False) -> Features:
+    """What a policy of that chunk sees and says here; with ``targets`` it learns the source's on the side."""
+    names = targets_of(source) if targets else ()
+    return Features(source.cameras, source.image_size, source.hands, chunk, names)
 
 
 def statistics_of(source: Source, slots: Sequence[int] | None = None) -> dict[str, FeatureStatistics]:
@@ -107,7 +110,8 @@ class Batches:
         frames = stack_cameras(moments.frames, self._features.cameras)
         if self._config.image_shift:
             frames = shift_frames(frames, self._config.image_shift, rng)
-        return make_batch(moments, add_noise(frames, self._config.image_noise, rng), valid, self._normaliser)
+        noisy = add_noise(frames, self._config.image_noise, rng)
+        return make_batch(moments, noisy, valid, self._normaliser, self._features.targets)
 
     def read(self, numbers: NDArray[np.int64], steps: NDArray[np.int64]) -> Moments:
         """What the source reads, one caller at a time: it need not know of threads."""
@@ -140,7 +144,11 @@ class Batches:
 
 
 def make_batch(
-    moments: Moments, frames: torch.Tensor, valid: NDArray[np.bool_], normaliser: Normaliser
+    moments: Moments,
+    frames: torch.Tensor,
+    valid: NDArray[np.bool_],
+    normaliser: Normaliser,
+    targets: Sequence[str] = (),
 ) -> Batch:
     """Normalise what a policy learns from.
 
@@ -149,13 +157,17 @@ def make_batch(
         frames: (B, cameras, H, W, C) as recorded, perhaps noisy.
         valid: (B, C) whether an action lies within its episode.
         normaliser: Of the training.
+        targets: Names of the moments' targets, where the policy learns them.
     """
-    return {
+    batch: Batch = {
         "pose": torch.from_numpy(normaliser.normalise("pose", moments.pose)),
         "images": normalise_images(frames),
         "action": torch.from_numpy(normaliser.normalise("action", moments.action[:, 1:])),
         "valid": torch.from_numpy(valid),
     }
+    if targets and moments.targets is not None:
+        batch["targets"] = torch.from_numpy(scale_targets(targets, moments.targets))
+    return batch
 
 
 def _number(step: int, part: int, parts: int) -> tuple[int, ...]:

@@ -87,4 +87,4 @@ class HeldOut:
             moments = self._read(self._slots[rows], steps)
             frames = stack_cameras(moments.frames, self._features.cameras)
             without_noise = torch.from_numpy(np.ascontiguousarray(frames))
-            yield make_batch(moments, without_noise, valid, self._normaliser)
+            yield make_batch(moments, without_noise, valid, self._normaliser, self._features.targets)

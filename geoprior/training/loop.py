@@ -20,6 +20,7 @@ from geoprior.hooks.types import TrainStep
 from geoprior.policies.checkpoint import (
     CheckpointHeader,
     checkpoint_path,
+    lasting_tensors,
     list_checkpoints,
     save_checkpoint,
 )
@@ -71,6 +72,7 @@ class Training:
         fingerprint: Of all that decides the weights at the end.
         team: The processes that take part.
         judges: What it is judged by at every checkpoint, one after the other.
+        quiet: Whether it shows no progress of its own.
     """
 
     run: str
@@ -85,6 +87,7 @@ class Training:
     fingerprint: str
     team: Team = field(default_factory=Team)
     judges: Sequence[Judge] = ()
+    quiet: bool = False
 
     @cached_property
     def loss(self) -> Callable[[Batch], tuple[Tensor, Mapping[str, Tensor]]]:
@@ -154,7 +157,8 @@ def _has_checkpoints(training: Training, step: int) -> bool:
 
 def _shown(training: Training, done: int) -> AbstractContextManager[Track]:
     total = training.steps * training.config.batch_size
-    return track(training.run, total, "samples", done, quiet=not training.team.leads)
+    quiet = training.quiet or not training.team.leads
+    return track(training.run, total, "samples", done, quiet=quiet)
 
 
 def _sweep(folder: Path) -> None:
@@ -250,7 +254,7 @@ def _checkpoint_steps(training: Training) -> dict[int, list[int]]:
 def _save_weights(training: Training, epoch: int, step: int) -> None:
     _require_finite_weights(training, step)
     header = replace(training.header, epoch=epoch, step=step)
-    save_checkpoint(checkpoint_path(training.folder, epoch), training.policy.state_dict(), header)
+    save_checkpoint(checkpoint_path(training.folder, epoch), lasting_tensors(training.policy), header)
 
 
 def _require_finite_weights(training: Training, step: int) -> None:

@@ -22,7 +22,7 @@ _LINE_HEIGHT = 18
 
 
 def to_rgb(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """A (H, W) binary or (H, W, 3) RGB frame as (H, W, 3) RGB."""
+    """A (H, W) binary or gray, or (H, W, 3) RGB frame as (H, W, 3) RGB."""
     return np.repeat(frame[..., None], 3, axis=2) if frame.ndim == 2 else frame
 
 

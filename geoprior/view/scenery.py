@@ -101,13 +101,15 @@ def _object_boxes(told: ObjectDetails, *, last: bool) -> Iterator[Lines]:
 
 def _hands(world: World, step: int, ghosts: Sequence[int] = (), ahead: float = 1.0) -> Iterator[Mark]:
     for hand in world.hands:
-        yield from _cubes(world.hand_cube, _moments(hand.transforms_hand_to_world, step, ghosts))
+        yield from _cubes(
+            world.hand_cube, world.hand_setback, _moments(hand.transforms_hand_to_world, step, ghosts)
+        )
         yield from _way(hand, step, ahead, world.floor.height)
 
 
-def _cubes(side: float, moments: Iterable[tuple[FloatArray, float]]) -> Iterator[Lines]:
+def _cubes(side: float, setback: float, moments: Iterable[tuple[FloatArray, float]]) -> Iterator[Lines]:
     """The edges of the hand's cube, behind its origin."""
-    behind = make_transform(np.eye(3), np.array([0.0, 0.0, -0.5 * side]))
+    behind = make_transform(np.eye(3), np.array([0.0, 0.0, -setback - 0.5 * side]))
     for transform_hand_to_world, strength in moments if side else ():
         yield box(transform_hand_to_world @ behind, np.full(3, side), HAND, strength)
 

@@ -99,6 +99,7 @@ class World:
         floor: Side and height of the floor.
         objects: The objects' boxes where no more is known of them, and the header tells those.
         hand_cube: Side of the cube behind the hand's origin; 0 where nobody tells it.
+        hand_setback: How far behind that origin the cube begins, metres.
         bodies: Points and surfaces, where they are known.
     """
 
@@ -109,6 +110,7 @@ class World:
     objects: tuple[ObjectDetails, ...]
     hand_cube: float
     bodies: Bodies
+    hand_setback: float = 0.0
 
 
 def world_of(header: EpisodeHeader, pose: NDArray[np.float32], bodies: Bodies | None = None) -> World:
@@ -133,6 +135,7 @@ def world_of(header: EpisodeHeader, pose: NDArray[np.float32], bodies: Bodies | 
         objects=() if bodies else _objects(header.details),
         hand_cube=_length(header.details.get("hand_cube")),
         bodies=bodies or Bodies((), ()),
+        hand_setback=_length(header.details.get("hand_setback")),
     )
 
 

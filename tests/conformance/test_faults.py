@@ -251,44 +251,94 @@ def test_a_variant(factory, sentence, complaint):
     assert_caught(replace(spec_of(variant), factory=factory), sentence, complaint)
 
 
-class Unpacked(renderer.MyPlugin):
-    def render(self, clouds, view, steps):
-        return np.unpackbits(super().render(clouds, view, steps), axis=-1)
+class Binary(renderer.MyPlugin):
+    frames = "binary"
+
+    def __init__(self, config):
+        super().__init__(config.model_copy(update={"frames": "binary"}))
 
 
-class Overhanging(renderer.MyPlugin):
-    def render(self, clouds, view, steps):
-        return super().render(clouds, view, steps) | 1
+class Unpacked(Binary):
+    def render(self, shot):
+        return np.unpackbits(super().render(shot), axis=-1)
 
 
-class Trailing(renderer.MyPlugin):
-    def render(self, clouds, view, steps):
-        return np.bitwise_or.accumulate(super().render(clouds, view, steps), axis=0)
+class Overhanging(Binary):
+    def render(self, shot):
+        return super().render(shot) | 1
 
 
-class White(renderer.MyPlugin):
-    def render(self, clouds, view, steps):
-        return super().render(clouds, view, steps) | 128
+class Trailing(Binary):
+    def render(self, shot):
+        return np.bitwise_or.accumulate(super().render(shot), axis=0)
+
+
+class White(Binary):
+    def render(self, shot):
+        return super().render(shot) | 128
 
 
 class Flickering(renderer.MyPlugin):
-    def render(self, clouds, view, steps):
-        frames = super().render(clouds, view, steps)
+    def render(self, shot):
+        frames = super().render(shot)
         return np.where(np.random.default_rng().random(frames.shape) < 0.5, frames, 0).astype(np.uint8)
+
+
+class Silent(renderer.MyPlugin):
+    frames = None
+
+
+class Infrared(renderer.MyPlugin):
+    frames = "infrared"
+
+
+class Coloured(renderer.MyPlugin):
+    def render(self, shot):
+        return np.repeat(super().render(shot)[..., None], 3, axis=-1)
+
+
+class Deep(renderer.MyPlugin):
+    def render(self, shot):
+        return super().render(shot).astype(np.uint16)
+
+
+class Backdrop(renderer.MyPlugin):
+    def render(self, shot):
+        return np.maximum(super().render(shot), 30)
+
+
+KIND = "its frames are what it says that it draws"
 
 
 @pytest.mark.parametrize(
     ("factory", "sentence", "complaint"),
     [
-        (Unpacked, "its frames are packed as agreed", "expected uint8 (6, 40, 7), found uint8"),
-        (Overhanging, "its frames are packed as agreed", "beyond the right edge"),
+        (Unpacked, KIND, "expected uint8 (6, 40, 7), found uint8 (6, 40, 56)"),
+        (Overhanging, KIND, "beyond the right edge"),
+        (Silent, KIND, "its `frames` is None, expected one of 'binary', 'gray', 'rgb'"),
+        (Infrared, KIND, "its `frames` is 'infrared'"),
+        (
+            Coloured,
+            KIND,
+            "gray frames of 40 x 52 pixels: expected uint8 (6, 40, 52), found uint8 (6, 40, 52, 3)",
+        ),
+        (Deep, KIND, "found uint16 (6, 40, 52)"),
         (Trailing, "parts of an episode are drawn as the whole is", "two steps at a time"),
-        (White, "nothing is drawn as black", "a pixel is white"),
+        (White, "nothing is drawn as black", "a pixel is not black"),
+        (Backdrop, "nothing is drawn as black", "no clouds before the camera, and a pixel is not black"),
         (Flickering, "it writes to nothing and draws the same again", "other frames again"),
     ],
 )
 def test_a_renderer(factory, sentence, complaint):
     assert_caught(replace(spec_of(renderer), factory=factory), sentence, complaint)
+
+
+@pytest.mark.parametrize("kind", ["binary", "gray", "rgb"])
+def test_a_renderer_of_each_kind_keeps_the_contract(kind):
+    spec = spec_of(renderer)
+    made = replace(spec, factory=lambda config: spec.factory(config.model_copy(update={"frames": kind})))
+    for check in checks_of(made):
+        check.run(made)
 
 
 # Sources, executors and policies --------------------------------------------------------------------

@@ -26,7 +26,7 @@ def unpacked_frames(scene, trajectory, footprint=2):
 def packed_frames(scene, trajectory, footprint=2):
     """The same, eight pixels a byte (N, H, ceil(W / 8)), as the renderer gives them."""
     drawn, shots = renderer(footprint), rig.shots(scene, trajectory)
-    return {name: drawn.render(shot.clouds, shot.view, shot.steps) for name, shot in shots.items()}
+    return {name: drawn.render(shot) for name, shot in shots.items()}
 
 
 def moved(points, transform):

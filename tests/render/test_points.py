@@ -13,8 +13,8 @@ from geoprior.geometry.projection import View
 from geoprior.geometry.se3 import make_transform
 from geoprior.hooks.manager import plugins
 from geoprior.options import Choice
-from geoprior.render.clouds import Cloud
-from geoprior.render.packing import unpack_frames
+from geoprior.render import rig
+from geoprior.render.clouds import Cloud, Shot
 from geoprior.render.points import axes_first
 
 
@@ -25,7 +25,7 @@ class Drawn:
         self.made = plugins().build("renderer", Choice(name="points", options={"footprint": footprint}))
 
     def render(self, clouds, view, steps):
-        return unpack_frames(self.made.render(clouds, view, steps), view.width)
+        return rig.render(self.made, Shot(view, tuple(clouds), steps))
 
 
 def renderer(footprint=2):

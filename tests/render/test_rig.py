@@ -11,8 +11,7 @@ from geoprior.geometry.se3 import apply, invert, transforms_of_poses
 from geoprior.hooks.manager import plugins
 from geoprior.options import Choice
 from geoprior.render import rig
-from geoprior.render.clouds import Cloud
-from geoprior.render.packing import unpack_frames
+from geoprior.render.clouds import Cloud, Shot
 from geoprior.shards.config import GenerateConfig
 from geoprior.shards.synthesis import stage_episode, synthesise
 
@@ -22,8 +21,7 @@ MOTIONS = ("pick", "place", "push")
 
 
 def draw(clouds, view, steps):
-    drawn = plugins().build("renderer", Choice(name="points")).render(clouds, view, steps)
-    return unpack_frames(drawn, view.width)
+    return rig.render(plugins().build("renderer", Choice(name="points")), Shot(view, tuple(clouds), steps))
 
 
 @pytest.mark.parametrize("motion", MOTIONS)

@@ -8,6 +8,7 @@ from geoprior.shards.manifest import write_manifest
 from geoprior.shards.writer import write_shard
 
 BINARY_AND_RGB = (("hand", 10, 12, 1), ("third", 10, 12, 3))
+"""Name, rows, columns, and 1, 3 or "gray" of each camera."""
 
 
 def _camera(name, height, width, channels):
@@ -15,7 +16,8 @@ def _camera(name, height, width, channels):
         name=name,
         height=height,
         width=width,
-        channels=channels,
+        channels=3 if channels == 3 else 1,
+        bits=8 if channels == "gray" else None,
         intrinsics=np.eye(3).tolist(),
         mount="world",
         transform_camera_to_mount=np.eye(4).tolist(),
@@ -40,7 +42,9 @@ def make_episode():
         rng = np.random.default_rng(index)
         images = {}
         for name, height, width, channels in cameras:
-            if channels == 1:
+            if channels == "gray":
+                images[name] = rng.integers(256, size=(steps, height, width), dtype=np.uint8)
+            elif channels == 1:
                 images[name] = (rng.random((steps, height, width)) < 0.3).astype(np.uint8) * np.uint8(255)
             else:
                 images[name] = rng.integers(256, size=(steps, height, width, 3), dtype=np.uint8)

@@ -124,6 +124,10 @@ def test_image_size_needs_cameras_of_one_size(make_folder):
         ({"cameras": (("hand", 10, 12, 1),)}, "cameras"),
         ({"cameras": (("hand", 10, 13, 1), ("third", 10, 12, 3))}, "cameras"),
         ({"cameras": (("hand", 10, 12, 3), ("third", 10, 12, 3))}, "cameras"),
+        (
+            {"cameras": (("hand", 10, 12, "gray"), ("third", 10, 12, 3))},
+            "cameras: .*'hand': 'binary 10 x 12'.* and .*'hand': 'gray 10 x 12'",
+        ),
     ],
 )
 def test_episodes_that_disagree_are_both_named(tmp_path, make_episode, layout, field):

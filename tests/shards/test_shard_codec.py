@@ -14,22 +14,30 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from PIL import Image
 
+from geoprior.render.frames import FrameFormat
 from geoprior.shards.codec import (
     decode_header,
     decode_npy,
     decode_png,
     encode_header,
+    encode_levels_png,
     encode_npy,
     encode_png,
 )
 
 SIDES = st.integers(1, 40)
 BITS = st.tuples(SIDES, SIDES).flatmap(lambda shape: hnp.arrays(np.bool_, shape))
+GRAYS = st.tuples(SIDES, SIDES).flatmap(lambda shape: hnp.arrays(np.uint8, shape))
 COLOURS = st.tuples(SIDES, SIDES).flatmap(lambda shape: hnp.arrays(np.uint8, (*shape, 3)))
 
 
 def as_frame(bits):
     return np.where(bits, 255, 0).astype(np.uint8)
+
+
+def decode(data, shape, one_channel="binary"):
+    kind = "rgb" if len(shape) == 3 else one_channel
+    return decode_png(data, FrameFormat(kind, *shape[:2]))
 
 
 def pillow_png(frame, mode):
@@ -42,7 +50,7 @@ def pillow_png(frame, mode):
 def test_binary_frames_survive_and_other_readers_see_the_same(bits):
     frame = as_frame(bits)
     data = encode_png(frame)
-    np.testing.assert_array_equal(decode_png(data, frame.shape), frame)
+    np.testing.assert_array_equal(decode(data, frame.shape), frame)
     np.testing.assert_array_equal(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED), frame)
     image = Image.open(io.BytesIO(data))
     assert image.mode == "1"
@@ -52,10 +60,21 @@ def test_binary_frames_survive_and_other_readers_see_the_same(bits):
 @given(COLOURS)
 def test_colour_frames_survive_in_rgb_order(frame):
     data = encode_png(frame)
-    np.testing.assert_array_equal(decode_png(data, frame.shape), frame)
+    np.testing.assert_array_equal(decode(data, frame.shape), frame)
     image = Image.open(io.BytesIO(data))
     assert image.mode == "RGB"
     np.testing.assert_array_equal(np.asarray(image), frame)
+
+
+@given(GRAYS)
+def test_gray_frames_survive_and_other_readers_see_the_same(frame):
+    data = encode_levels_png(frame)
+    assert data == encode_levels_png(np.asfortranarray(frame))
+    np.testing.assert_array_equal(decode(data, frame.shape, "gray"), frame)
+    image = Image.open(io.BytesIO(data))
+    assert image.mode == "L"
+    np.testing.assert_array_equal(np.asarray(image), frame)
+    np.testing.assert_array_equal(decode(pillow_png(frame, "L"), frame.shape, "gray"), frame)
 
 
 @given(BITS)
@@ -64,12 +83,12 @@ def test_binary_frames_of_other_writers_are_read(bits):
     one_bit, eight_bits = pillow_png(frame, "1"), pillow_png(frame, "L")
     filtered = cv2.imencode(".png", frame, [cv2.IMWRITE_PNG_BILEVEL, 1])[1].tobytes()
     for data in (one_bit, eight_bits, filtered):
-        np.testing.assert_array_equal(decode_png(data, frame.shape), frame)
+        np.testing.assert_array_equal(decode(data, frame.shape), frame)
 
 
 @given(COLOURS)
 def test_colour_frames_of_other_writers_are_read(frame):
-    np.testing.assert_array_equal(decode_png(pillow_png(frame, "RGB"), frame.shape), frame)
+    np.testing.assert_array_equal(decode(pillow_png(frame, "RGB"), frame.shape), frame)
 
 
 @pytest.mark.parametrize("value", [1, 127, 254])
@@ -90,7 +109,7 @@ def test_every_flipped_bit_is_noticed(data, shape):
     bad = bytearray(good)
     bad[bit // 8] ^= 1 << bit % 8
     with pytest.raises(ValueError, match=r"PNG|pixels"):
-        decode_png(bytes(bad), shape)
+        decode(bytes(bad), shape)
 
 
 @pytest.mark.parametrize("shape", [(9, 13), (5, 7, 3)])
@@ -98,30 +117,42 @@ def test_every_cut_and_every_appendix_is_noticed(shape):
     good = encode_png(np.zeros(shape, np.uint8))
     for size in range(len(good)):
         with pytest.raises(ValueError, match="PNG"):
-            decode_png(good[:size], shape)
+            decode(good[:size], shape)
     with pytest.raises(ValueError, match="goes on"):
-        decode_png(good + b"\0", shape)
+        decode(good + b"\0", shape)
 
 
 def test_another_size_or_kind_is_named():
     binary, colour = np.zeros((4, 6), np.uint8), np.zeros((4, 6, 3), np.uint8)
     with pytest.raises(ValueError, match="is 4 x 6 pixels, not 6 x 4"):
-        decode_png(encode_png(binary), (6, 4))
+        decode(encode_png(binary), (6, 4))
     with pytest.raises(ValueError, match="has 1 channels of uint8, not 3"):
-        decode_png(encode_png(binary), (4, 6, 3))
+        decode(encode_png(binary), (4, 6, 3))
     with pytest.raises(ValueError, match="has 3 channels of uint8, not 1"):
-        decode_png(encode_png(colour), (4, 6))
+        decode(encode_png(colour), (4, 6))
     with pytest.raises(ValueError, match="has 4 channels"):
-        decode_png(pillow_png(colour, "RGBA"), (4, 6, 3))
+        decode(pillow_png(colour, "RGBA"), (4, 6, 3))
     deep = cv2.imencode(".png", np.zeros((4, 6), np.uint16))[1].tobytes()
     with pytest.raises(ValueError, match="uint16"):
-        decode_png(deep, (4, 6))
+        decode(deep, (4, 6))
+
+
+def test_another_kind_than_gray_is_named():
+    gray, colour = np.full((4, 6), 7, np.uint8), np.zeros((4, 6, 3), np.uint8)
+    with pytest.raises(ValueError, match="has 3 channels of uint8, not 1"):
+        decode(encode_png(colour), (4, 6), "gray")
+    with pytest.raises(ValueError, match="has 1 channels of uint8, not 3"):
+        decode(encode_levels_png(gray), (4, 6, 3))
+    with pytest.raises(ValueError, match="neither 0 nor 255"):
+        decode(encode_levels_png(gray), (4, 6))
+    with pytest.raises(ValueError, match="is 4 x 6 pixels, not 6 x 4"):
+        decode(encode_levels_png(gray), (6, 4), "gray")
 
 
 def test_grey_levels_in_a_binary_view_are_refused():
     grey = np.full((4, 6), 128, np.uint8)
     with pytest.raises(ValueError, match="neither 0 nor 255"):
-        decode_png(pillow_png(grey, "L"), (4, 6))
+        decode(pillow_png(grey, "L"), (4, 6))
 
 
 def test_too_many_pixels_in_a_small_frame_are_not_unpacked():
@@ -134,7 +165,7 @@ def test_too_many_pixels_in_a_small_frame_are_not_unpacked():
     tracemalloc.start()
     try:
         with pytest.raises(ValueError, match="too many pixels"):
-            decode_png(data, frame.shape)
+            decode(data, frame.shape)
         assert tracemalloc.get_traced_memory()[1] < 1_000_000
     finally:
         tracemalloc.stop()
@@ -188,6 +219,19 @@ def test_headers_survive_and_have_one_form(make_episode):
     data = encode_header(header)
     assert decode_header(data) == header
     assert encode_header(decode_header(data)) == data
+
+
+def test_bits_stand_in_a_header_only_where_the_channels_do_not_tell(make_episode):
+    header = make_episode().header
+    assert b"bits" not in encode_header(header)
+    gray = header.cameras[0].model_copy(update={"bits": 8})
+    data = encode_header(header.model_copy(update={"cameras": [gray, header.cameras[1]]}))
+    assert data.count(b'"bits":8') == 1
+    assert [camera.frame_format.kind for camera in decode_header(data).cameras] == ["gray", "rgb"]
+    said = encode_header(header).replace(b'"channels":1', b'"bits":1,"channels":1')
+    assert decode_header(said).cameras[0].frame_format.kind == "binary"
+    with pytest.raises(ValueError, match="8 bits a channel"):
+        decode_header(encode_header(header).replace(b'"channels":3', b'"bits":1,"channels":3'))
 
 
 def test_headers_that_are_not_json_or_not_headers_are_refused(make_episode):

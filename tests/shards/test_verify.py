@@ -330,8 +330,10 @@ def test_info_counts_what_is_there(tmp_path, make_episode):
         "fps": 10.0,
         "hands": ["hand"],
         "cameras": {"hand": [10, 12, 1], "third": [10, 12, 3]},
+        "frames": {"hand": "binary", "third": "rgb"},
         "motions": {"pick": 1, "push": 2},
         "sources": {"synthetic": 3},
+        "targets": [],
         "generators": {"test": 3},
         "digest": EpisodeStore(tmp_path).digest,
     }

@@ -43,8 +43,10 @@ def same_batches(first, second):
 def same_moments(first, second):
     pairs = [(first.pose, second.pose), (first.action, second.action)]
     assert first.frames.keys() == second.frames.keys()
+    if first.targets is not None or second.targets is not None:
+        pairs.append((first.targets, second.targets))
     pairs += [(frames, second.frames[camera]) for camera, frames in first.frames.items()]
-    return all(a.dtype == b.dtype and np.array_equal(a, b) for a, b in pairs)
+    return all(a.dtype == b.dtype and np.array_equal(a, b, equal_nan=a.dtype == np.float32) for a, b in pairs)
 
 
 def read(source, numbers, times, chunk=3):

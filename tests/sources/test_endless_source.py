@@ -19,6 +19,7 @@ from geoprior.errors import ConfigError, PluginError
 from geoprior.hooks.manager import plugins
 from geoprior.options import Choice, Options
 from geoprior.shards.synthesis import synthesise
+from geoprior.sources.source import targets_of
 from geoprior.training.data import features_of, statistics_of
 from geoprior.training.order import steps_until
 
@@ -41,6 +42,24 @@ def test_what_is_kept_to_the_end_is_what_the_shards_hold(source_of, tmp_path, va
         assert same_batches(one.batch(step), other.batch(step)), step
     later = len(epochs_as_steps(8)) - 1
     assert not same_batches(one.batch(later), other.batch(later))
+
+
+@pytest.mark.parametrize("workers", [0, 2])
+def test_targets_come_from_shards_and_endless_alike_and_only_where_they_are_wanted(
+    source_of, tmp_path, workers
+):
+    config = GENERATE.model_copy(update={"targets": True})
+    recorded = source_of("shards", write_shards(tmp_path / "data", config))
+    endless = source_of("endless", config=config, keep=4, workers=workers)
+    names = targets_of(recorded)
+    assert targets_of(endless) == names
+    numbers, times = list(range(SLOTS)), [0, 3, 9, 5, 16, 1]
+    one, other = (read(source, numbers, times) for source in (endless, recorded))
+    assert same_moments(one, other)
+    assert one.targets.shape == (SLOTS, len(names))
+    without = source_of("endless", keep=4, workers=0)
+    assert targets_of(without) == ()
+    assert read(without, numbers, times).targets is None
 
 
 def test_fresh_episodes_are_those_of_the_next_numbers(source_of):

@@ -85,6 +85,7 @@ class FakeStore:
 
     digest = "0" * 64
     image_size = (SIZE, SIZE)
+    target_names = ()
 
     def __init__(self, episodes):
         self.episodes = episodes

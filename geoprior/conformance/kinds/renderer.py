@@ -1,4 +1,4 @@
-"""A renderer: packed frames, the same whole or in parts, black where nothing is."""
+"""A renderer: frames of the kind that it says, the same whole or in parts, black where nothing is."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from geoprior.conformance.check import Check, digest, require, require_array
+from geoprior.conformance.check import Check, digest, refuse, require
 from geoprior.conformance.material import CAMERAS, builtins, scene
+from geoprior.errors import PluginError
 from geoprior.geometry.projection import View
 from geoprior.geometry.se3 import look_at
 from geoprior.geometry.seeding import generator
@@ -16,6 +17,7 @@ from geoprior.hooks.types import Motion, RendererSpec
 from geoprior.options import Choice
 from geoprior.render import rig
 from geoprior.render.clouds import Cloud, Shot
+from geoprior.render.frames import FrameKind, draw, frame_kind
 from geoprior.render.packing import pack_frames, unpack_frames
 from geoprior.scene.scene import make_view
 
@@ -26,28 +28,38 @@ def _shots() -> Iterator[tuple[str, Shot]]:
     motion: Motion = builtins().build("motion", Choice(name="place"))
     for number in range(4):
         before = scene(number)
-        shots = rig.shots(before, motion.plan(before, STEPS, generator(number, "conformance")))
+        shots = rig.shots(before, motion.plan(before, STEPS, generator(number, "conformance")), number)
         for camera, shot in shots.items():
             yield f"scene {number}, camera {camera!r}", shot
 
 
+def _kind(spec: RendererSpec) -> FrameKind:
+    return frame_kind(spec.factory(spec.config()), spec.name)
+
+
 def _draw(spec: RendererSpec, shot: Shot) -> np.ndarray[Any, Any]:
-    return spec.factory(spec.config()).render(shot.clouds, shot.view, shot.steps)
+    try:
+        return draw(spec.factory(spec.config()), shot, spec.name)
+    except PluginError as error:
+        refuse(error.message, error.hint)
 
 
-def frames_are_packed(spec: RendererSpec) -> None:
-    """Eight pixels a byte; the bits beyond the right edge are 0; something of the scene is to be seen."""
+def frames_are_of_its_kind(spec: RendererSpec) -> None:
+    """Shape and type follow from what it says that it draws; something of the scene is to be seen."""
     for where, shot in _shots():
         frames = _draw(spec, shot)
         where = f"renderer {spec.name!r}, {where}"
-        shape = (STEPS, shot.view.height, -(-shot.view.width // 8))
-        require_array(frames, where, shape, np.uint8)
         require(
-            np.array_equal(pack_frames(unpack_frames(frames, shot.view.width)), frames),
+            _kind(spec) != "binary" or _is_packed(frames, shot.view.width),
             f"{where}: bits beyond the right edge are set",
             "give what geoprior.render.packing.pack_frames makes of your frames",
         )
-        require(frames.any(axis=(1, 2)).all(), f"{where}: a frame is black though the scene is in view")
+        seen = frames.reshape(STEPS, -1).any(axis=1)
+        require(seen.all(), f"{where}: a frame is black though the scene is in view")
+
+
+def _is_packed(frames: np.ndarray[Any, Any], width: int) -> bool:
+    return np.array_equal(pack_frames(unpack_frames(frames, width)), frames)
 
 
 def parts_are_the_whole(spec: RendererSpec) -> None:
@@ -63,16 +75,20 @@ def parts_are_the_whole(spec: RendererSpec) -> None:
 
 
 def nothing_is_black(spec: RendererSpec) -> None:
-    """No clouds, no points, and points behind the camera give black frames."""
+    """No clouds give black frames, of gray and RGB too: the variant `black-images` takes all clouds away.
+
+    No points, and points behind the camera, can be drawn; white dots on black have nothing to show then.
+    """
     view = _view_of_the_origin()
     behind = Cloud("object", np.array([[0.0, 0.0, 5.0]]), np.eye(4))
     empty = Cloud("object", np.empty((0, 3)), np.eye(4))
     for name, clouds in {"no clouds": (), "no points": (empty,), "a point behind it": (behind,)}.items():
         frames = _draw(spec, Shot(view, clouds, 2))
-        require_array(
-            frames, f"renderer {spec.name!r}, {name}", (2, view.height, -(-view.width // 8)), np.uint8
+        require(
+            not frames.any() or (clouds and _kind(spec) != "binary"),
+            f"renderer {spec.name!r}: {name} before the camera, and a pixel is not black",
+            "without clouds give zeros, whatever colour the background has" if not clouds else "",
         )
-        require(not frames.any(), f"renderer {spec.name!r}: {name} before the camera, and a pixel is white")
 
 
 def _view_of_the_origin() -> View:
@@ -91,7 +107,7 @@ def what_it_was_given_stays(spec: RendererSpec) -> None:
 
 
 CHECKS = (
-    Check("its frames are packed as agreed", frames_are_packed),
+    Check("its frames are what it says that it draws", frames_are_of_its_kind),
     Check("parts of an episode are drawn as the whole is", parts_are_the_whole),
     Check("nothing is drawn as black", nothing_is_black),
     Check("it writes to nothing and draws the same again", what_it_was_given_stays),

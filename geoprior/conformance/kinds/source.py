@@ -15,7 +15,7 @@ from geoprior.geometry.camera import CamerasConfig
 from geoprior.hooks.types import SourceSpec
 from geoprior.shards.config import GenerateConfig
 from geoprior.shards.episode import POSE_SIZE
-from geoprior.sources.source import SourceContext
+from geoprior.sources.source import SourceContext, targets_of
 
 if TYPE_CHECKING:
     from geoprior.sources.source import Source
@@ -92,6 +92,14 @@ def moments_are_what_was_asked_for(spec: SourceSpec) -> None:
         where, count = f"source {spec.name!r}", len(numbers)
         require_array(moments.pose, f"{where}: pose", (count, size), np.float32)
         require_array(moments.action, f"{where}: action", (count, LONGEST_CHUNK, size), np.float32)
+        names = targets_of(source)
+        require(
+            (moments.targets is not None) == bool(names),
+            f"{where}: its attribute `targets` names {len(names)}, a read gives {moments.targets!r}",
+            "name the targets that a read gives, or leave the attribute away",
+        )
+        if moments.targets is not None:
+            require_array(moments.targets, f"{where}: targets", (count, len(names)), np.float32)
         require(
             set(moments.frames) == set(source.cameras),
             f"{where}: frames of {sorted(moments.frames)}, cameras {list(source.cameras)}",

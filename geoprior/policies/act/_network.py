@@ -10,6 +10,7 @@ from torch.nn import functional
 
 from geoprior.policies.act._positions import sinusoid_1d, sinusoid_2d
 from geoprior.policies.act._prediction import PackedAct
+from geoprior.policies.act._targets import TargetHeads
 from geoprior.policies.act._transformer import Decoder, Encoder
 from geoprior.policies.fused._passes import arithmetic_of
 from geoprior.policies.fused.kept import Kept, State, state_of
@@ -32,6 +33,7 @@ class ActNetwork(nn.Module):
     """
 
     trunk_prefixes: tuple[str, ...] = ("trunk.",)
+    training_only_prefixes: tuple[str, ...] = ("target_heads.",)
     half_weights = True
     image_position: Tensor
     vae_position: Tensor
@@ -67,18 +69,28 @@ class ActNetwork(nn.Module):
                 nn.init.xavier_uniform_(parameter)
         self.trunk.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self._kept: Kept[PackedAct] = Kept()
+        self.target_heads: TargetHeads | None = None
+        if config.target_weight and features.targets:  # last, so that the other first weights stay
+            seen = len(features.cameras) * rows * columns
+            self.target_heads = TargetHeads(features.targets, config.dim, seen, seen + 2)
 
     def loss(self, batch: Batch) -> tuple[Tensor, Mapping[str, Tensor]]:
         """L1 of the chunk plus the weighted KL divergence of the style variable from a unit normal."""
         mean, log_variance = self.encode_style(batch)
         latent = mean + (0.5 * log_variance).exp() * torch.randn_like(mean)
-        actions = self.act(batch, latent).float()
+        image_tokens, memory, position = self.encode(batch, latent)
+        actions = self.decode(memory, position).float()
         error = (actions - batch["action"]).abs() * batch["valid"].unsqueeze(-1)
         terms = batch["valid"].sum() if self.config.padding == "valid" else batch["valid"].numel()
         l1 = error.sum() / (terms * error.shape[-1])
         kl = -0.5 * (1.0 + log_variance - mean.square() - log_variance.exp()).sum(dim=-1).mean()
         total = l1 + self.config.kl_weight * kl
-        return total, {"loss": total.detach(), "l1": l1.detach(), "kl": kl.detach()}
+        scalars = {"l1": l1, "kl": kl}
+        if self.target_heads is not None and "targets" in batch:
+            missed, missed_by = self.target_heads(image_tokens, memory, batch["targets"])
+            total = total + self.config.target_weight * missed
+            scalars |= missed_by
+        return total, {name: value.detach() for name, value in {"loss": total, **scalars}.items()}
 
     def predict(self, observation: Observation) -> Tensor:
         """The chunk at a style of zero; see `geoprior.policies.policy.Policy`."""
@@ -118,6 +130,16 @@ class ActNetwork(nn.Module):
 
     def act(self, observation: Observation, latent: Tensor) -> Tensor:
         """(B, chunk, pose_size) actions for a style (B, latent)."""
+        _, memory, position = self.encode(observation, latent)
+        return self.decode(memory, position)
+
+    def encode(self, observation: Observation, latent: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """What the decoder looks at, and where it comes from.
+
+        Returns:
+            Image tokens (B, S, dim) as the trunk gives them, all tokens (B, 2 + S, dim) as the encoder gives
+            them, and the positions (2 + S, dim) of those.
+        """
         images = observation["images"]
         batch, cameras = images.shape[:2]
         maps = self.image_proj(self.trunk(images.flatten(0, 1)))
@@ -126,8 +148,11 @@ class ActNetwork(nn.Module):
         tokens = [self.latent_proj(latent).unsqueeze(1), self.pose_proj(observation["pose"]).unsqueeze(1)]
         memory = torch.cat([*(token.to(dtype) for token in tokens), image_tokens], dim=1)
         position = self.position(cameras).to(dtype)
-        memory = self.encoder(memory, position)
-        query = self.query_position.to(dtype)
-        decoded = self.decoder(query.new_zeros(batch, *query.shape), query, memory, position)
+        return image_tokens, self.encoder(memory, position), position
+
+    def decode(self, memory: Tensor, position: Tensor) -> Tensor:
+        """(B, chunk, pose_size) actions for tokens and positions that `encode` gives."""
+        query = self.query_position.to(memory.dtype)
+        decoded = self.decoder(query.new_zeros(len(memory), *query.shape), query, memory, position)
         actions: Tensor = self.action_head(decoded)
         return actions

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 class ActConfig(PolicyOptions):
     """Sizes and losses of ACT; the packaged config `compact` has sizes for two cores."""
 
+    later = PolicyOptions.later | {"target_weight"}
+
     dim: int = Field(256, ge=8, le=4096, multiple_of=4, description="Width of every token.")
     heads: int = Field(8, ge=1, le=64, description="Attention heads; they divide `dim`.")
     ffn: int = Field(1024, ge=1, le=16384, description="Hidden width of the feed-forward layers.")
@@ -33,6 +35,13 @@ class ActConfig(PolicyOptions):
         "valid",
         description="The L1 loss is averaged over `valid` actions only, or over `all` with padded ones as 0.",
     )
+    target_weight: float = Field(
+        0.0,
+        ge=0.0,
+        le=1000.0,
+        description="Weight of the targets that `generate.targets` adds to the data, in the loss of "
+        "pretraining; the heads that learn them are thrown away afterwards, and 0 has none.",
+    )
     trunk_width: int = Field(
         64, ge=8, le=256, multiple_of=8, description="64 is ResNet-18; 32 has half of it."
     )
@@ -40,6 +49,11 @@ class ActConfig(PolicyOptions):
         "batch",
         description="`batch`: trainable batch norm; `frozen`: it stays as it is; `group`: group norm.",
     )
+
+    @property
+    def uses_targets(self) -> bool:
+        """See `PolicyOptions.uses_targets`."""
+        return self.target_weight > 0.0
 
     @model_validator(mode="after")
     def _heads_divide_dim(self) -> Self:

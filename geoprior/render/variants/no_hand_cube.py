@@ -1,4 +1,4 @@
-"""No hand cube: the hand is not drawn, so that no view shows where it is."""
+"""No hand cube: neither hand nor fingers nor arm are drawn, so that no view shows where they are."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from geoprior import VariantSpec, hookimpl
 from geoprior.options import Options
+from geoprior.scene.hand import HAND_BODIES
 
 if TYPE_CHECKING:
     from geoprior.render.clouds import Shot
@@ -19,14 +20,16 @@ class NoHandCubeConfig(Options):
 
 @dataclass(frozen=True)
 class NoHandCube:
-    """See `geoprior.hooks.types.Variant`. The hand camera never saw the cube: its view stays."""
+    """See `geoprior.hooks.types.Variant`. The hand camera never saw the cube."""
 
     config: NoHandCubeConfig
 
     def change(self, shots: Mapping[str, Shot]) -> Mapping[str, Shot]:
-        """Take the hand's clouds away."""
+        """Take away the clouds of the hand and of what belongs to it."""
         return {
-            camera: replace(shot, clouds=tuple(cloud for cloud in shot.clouds if cloud.body != "hand"))
+            camera: replace(
+                shot, clouds=tuple(cloud for cloud in shot.clouds if cloud.body not in HAND_BODIES)
+            )
             for camera, shot in shots.items()
         }
 

@@ -1,0 +1,232 @@
+"""What long priors are worth on three arms: success rates, paired differences, intervals, and the controls.
+
+    python benchmarks/prior.py --out runs/prior --json benchmarks/results/prior.json
+
+For every root seed it trains the prior of each recipe (`benchmarks/prior/NAME.yaml`), collects 20
+demonstrations of each task on its arm, fine-tunes on them from every beginning, and rolls the checkpoints out
+on the same unseen initial states. Nothing was tuned on these root seeds, demonstrations or initial states.
+
+All of it takes hours and goes on where it was stopped: ``--parts`` names what to do, ``--seeds`` for which
+root seeds. Time is not measured, so other work does no harm.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from geoprior.bench.metrics import Metric, as_lines, at_least, report
+from geoprior.config import RunConfig, load_config
+from geoprior.executors.local import LocalConfig, LocalExecutor, SerialExecutor
+from geoprior.files import write_json
+from geoprior.hooks.manager import plugins
+from geoprior.shards.generate import generate
+from geoprior.sim.demos import collect
+from geoprior.sim.records import TrialRecord
+from geoprior.sim.rollout import evaluate, find_checkpoints
+from geoprior.study.results import GroupResult, Results, read_rollouts, summarise
+from geoprior.training.stages import finetune, pretrain
+
+HERE = Path(__file__).with_suffix("")
+SEEDS = (11, 12, 13, 14, 15)
+RECIPES = ("sighted", "paper", "blind")
+EPOCHS = (64, 128, 256, 384, 512)
+"""Fixed in advance."""
+TASKS = {"pick": ("ur5e", 8.0, 45.0), "place": ("xarm7", 12.0, 30.0), "push": ("kinova3", 10.0, 15.0)}
+"""Arm, time limit in seconds, and the points of area by which the prior shall beat scratch."""
+BEST = {"pick": 90.0, "place": 70.0, "push": 50.0}
+"""Success at the best fixed checkpoint that the prior shall reach, in percent."""
+PARTS = ("priors", "trainings", "rollouts")
+
+
+@dataclass(frozen=True)
+class Prior:
+    """One prior to train: a unit of work for a process of its own."""
+
+    recipe: str
+    seed: int
+    out: Path
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One arm, task and root seed."""
+
+    task: str
+    seed: int
+    out: Path
+
+    @property
+    def folder(self) -> Path:
+        """Where its demonstrations, trainings and rollouts lie."""
+        return self.out / f"{self.task}-{self.seed}"
+
+
+def prior_folder(out: Path, recipe: str, seed: int) -> Path:
+    """Where a prior's checkpoints lie."""
+    return out / "priors" / f"{recipe}-{seed}"
+
+
+def make_prior(prior: Prior) -> None:
+    """Train one prior, or go on with it."""
+    overrides = (f"seed={prior.seed}", "pretrain.threads=1")
+    config = load_config(HERE / f"{prior.recipe}.yaml", overrides, plugins())
+    shards = prior.out / "shards" / f"{prior.recipe}-{prior.seed}"
+    if config.pretrain.source.name == "shards":
+        generate(config.generate, config.cameras, seed=prior.seed, executor=SerialExecutor(), out=shards)
+    pretrain(
+        config.pretrain,
+        policy=config.policy,
+        seed=prior.seed,
+        data=shards,
+        generate=config.generate,
+        cameras=config.cameras,
+        out=prior_folder(prior.out, prior.recipe, prior.seed),
+        executor=SerialExecutor(),
+    )
+
+
+def config_of(trial: Trial) -> RunConfig:
+    """Demonstrations, trainings and rollouts of one arm, task and root seed."""
+    robot, limit, _ = TASKS[trial.task]
+    priors = {recipe: str(prior_folder(trial.out, recipe, trial.seed).absolute()) for recipe in RECIPES}
+    beginnings = {
+        "scratch": "{init: scratch}",
+        "statistics": f"{{init: scratch, statistics: pretrained, prior: {priors['sighted']}}}",
+    }
+    beginnings |= {
+        recipe: f"{{init: prior, statistics: pretrained, prior: {path}}}"
+        for recipe, path in priors.items()
+        if Path(path).exists()
+    }
+    conditions = ", ".join(f"{name}: {how}" for name, how in beginnings.items())
+    overrides = (
+        f"seed={trial.seed}",
+        f"robot={robot}",
+        f"task={trial.task}",
+        f"evaluate.time_limit={limit}",
+        f"demos.first_state={100_000 + 1_000 * trial.seed}",
+        f"finetune.conditions={{{conditions}}}",
+    )
+    return load_config(HERE / "trial.yaml", overrides, plugins())
+
+
+def fine_tune(trial: Trial, executor: LocalExecutor) -> None:
+    """Collect the demonstrations and train on them from every beginning, or go on with it."""
+    config, demos = config_of(trial), trial.folder / "demos"
+    collect(
+        config.demos,
+        robot=config.robot,
+        task=config.task,
+        cameras=config.cameras,
+        seed=config.seed,
+        executor=executor,
+        out=demos,
+    )
+    finetune(
+        config.finetune,
+        policy=config.policy,
+        seed=config.seed,
+        demos=demos,
+        prior=None,
+        out=trial.folder / "trainings",
+        executor=executor,
+    )
+
+
+def roll_out(trial: Trial, executor: LocalExecutor) -> None:
+    """Roll the checkpoints of all trainings out, or go on with it."""
+    config = config_of(trial)
+    found = find_checkpoints(trial.folder / "trainings")
+    evaluate(
+        config.evaluate,
+        robot=config.robot,
+        task=config.task,
+        cameras=config.cameras,
+        seed=config.seed,
+        checkpoints=[checkpoint for checkpoint in found if checkpoint.epoch in EPOCHS],
+        executor=executor,
+        out=trial.folder,
+    )
+
+
+def together(out: Path, task: str, seeds: Sequence[int]) -> Results:
+    """All root seeds of one task as one study, in which a root seed is what a training seed is in a run."""
+    trials: list[TrialRecord] = []
+    for seed in seeds:
+        records = read_rollouts(Trial(task, seed, out).folder / "rollouts.jsonl")
+        trials += [replace(record, training_seed=seed) for record in records]
+    return summarise(trials, seed=SEEDS[0])
+
+
+def metrics_of(task: str, group: GroupResult) -> Iterator[Metric]:
+    """Areas, differences to scratch with intervals, best and last checkpoints."""
+    robot, _, goal = TASKS[task]
+    where = f"{robot} {task}"
+    for condition in group.conditions:
+        name = f"{where}, {condition.name}"
+        yield Metric(f"{name}: area", 100.0 * condition.area_under_curve, "%")
+        best = 100.0 * condition.peak.rate
+        if condition.name == "sighted":
+            yield at_least(f"{name}: best checkpoint (a peak)", best, "%", BEST[task])
+        else:
+            yield Metric(f"{name}: best checkpoint (a peak)", best, "%")
+        yield Metric(f"{name}: last checkpoint", 100.0 * condition.last_checkpoint.rate, "%")
+    for comparison in group.comparisons:
+        name, area = f"{where}, {comparison.condition} less scratch", comparison.area_under_curve
+        points, low = 100.0 * area.difference, 100.0 * area.interval.low
+        if comparison.condition == "sighted":
+            yield at_least(f"{name}: area", points, "points", goal)
+            yield at_least(f"{name}: area, from", low, "points", 0.0)
+        else:
+            yield Metric(f"{name}: area", points, "points")
+            yield Metric(f"{name}: area, from", low, "points")
+        yield Metric(f"{name}: area, to", 100.0 * area.interval.high, "points")
+        last = comparison.checkpoints[-1]
+        yield Metric(f"{name}: last checkpoint", 100.0 * last.difference, "points")
+        yield Metric(f"{name}: last checkpoint, from", 100.0 * last.interval.low, "points")
+        yield Metric(f"{name}: last checkpoint, to", 100.0 * last.interval.high, "points")
+
+
+def main() -> None:
+    """Do the parts asked for, then tell what all rollouts so far say."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--out", type=Path, required=True, help="folder of it all; gone on with if there")
+    parser.add_argument("--json", type=Path, help="where the result goes, besides the terminal")
+    parser.add_argument("--parts", nargs="*", choices=PARTS, default=PARTS)
+    parser.add_argument("--seeds", nargs="+", type=int, default=SEEDS)
+    parser.add_argument("--tasks", nargs="+", choices=TASKS, default=list(TASKS))
+    parser.add_argument("--recipes", nargs="+", choices=RECIPES, default=list(RECIPES))
+    options = parser.parse_args()
+    executor = LocalExecutor(LocalConfig())
+    if "priors" in options.parts:
+        wanted = [Prior(recipe, seed, options.out) for seed in options.seeds for recipe in options.recipes]
+        for _ in executor.run(make_prior, wanted):
+            pass
+    trials = [Trial(task, seed, options.out) for seed in options.seeds for task in options.tasks]
+    for trial in trials:
+        if "trainings" in options.parts:
+            fine_tune(trial, executor)
+        if "rollouts" in options.parts:
+            roll_out(trial, executor)
+    tell(options.out, options.tasks, options.seeds, options.json)
+
+
+def tell(out: Path, tasks: Sequence[str], seeds: Sequence[int], json: Path | None) -> None:
+    """Print what the rollouts say, and write the JSON."""
+    found = {task: together(out, task, seeds) for task in tasks}
+    metrics = [metric for task, results in found.items() for metric in metrics_of(task, results.groups[0])]
+    content = report("prior", "python benchmarks/prior.py --out runs/prior", metrics)
+    content["root_seeds"] = list(seeds)
+    content["outcome"] = {task: results.model_dump(mode="json") for task, results in found.items()}
+    print("\n".join(as_lines(content)))
+    if json:
+        write_json(json, content)
+
+
+if __name__ == "__main__":
+    main()
