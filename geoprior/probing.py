@@ -40,6 +40,7 @@ class Wanted:
         states: Initial states to aim on; 0 leaves the aim error out.
         robot: The arm to aim with; None takes the run's.
         task: What to aim at; None takes the run's.
+        config: That of its run; None looks for it in the folders above the checkpoint.
     """
 
     data: Path | None = None
@@ -47,6 +48,7 @@ class Wanted:
     states: int = STATES
     robot: Choice | None = None
     task: Choice | None = None
+    config: RunConfig | None = None
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,7 @@ def probe_checkpoint(checkpoint: Path, wanted: Wanted | None = None) -> Measures
     """
     wanted = wanted or Wanted()
     trained = load_trained(checkpoint)
-    run = _run_of(checkpoint)
+    run = _run_of(checkpoint, wanted.config)
     material = _material(trained, run, wanted)
     with closing(material.episodes.source):
         resets, told = _resets(trained, run, wanted)
@@ -89,7 +91,9 @@ def probe_checkpoint(checkpoint: Path, wanted: Wanted | None = None) -> Measures
         return measure(trained, material.episodes, material.lessons, resets, remarks)
 
 
-def _run_of(checkpoint: Path) -> _Run | None:
+def _run_of(checkpoint: Path, config: RunConfig | None) -> _Run | None:
+    if config is not None:
+        return _Run(checkpoint.parent, config)
     for folder in list(checkpoint.resolve().parents)[:_LEVELS]:
         if found := saved_config(folder):
             return _Run(folder, load_config(found, (), plugins()))
