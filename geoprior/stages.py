@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from geoprior.hooks.manager import Plugins
     from geoprior.hooks.types import Executor
     from geoprior.sim.config import SameEnvironmentConfig
+    from geoprior.training.judge import JudgeMaker
 
 SYNTHETIC = "shards/synthetic"
 DEMOS = "shards/demos"
@@ -27,6 +29,8 @@ RESULTS = "results.json"
 REPORT = "report"
 _EPISODES = ("*.tar", "manifest.json")
 _WEIGHTS = ("epoch-*",)
+_GENERATED = ("shards", "endless")
+"""Sources whose episodes the config's recipe makes, so that fresh ones can be made as well."""
 
 
 @dataclass(frozen=True)
@@ -165,9 +169,12 @@ def _collect_mixture(wanted: SameEnvironmentConfig, config: RunConfig, place: Wo
 
 
 def _pretrain(config: RunConfig, place: Workplace) -> Mapping[str, Any]:
+    from geoprior.probe.sight import REMEDY, from_metrics, warning
+    from geoprior.progress import say
     from geoprior.training.stages import pretrain
+    from geoprior.training.team import team
 
-    return pretrain(
+    result = pretrain(
         config.pretrain,
         policy=config.policy,
         seed=config.seed,
@@ -175,9 +182,31 @@ def _pretrain(config: RunConfig, place: Workplace) -> Mapping[str, Any]:
         generate=config.generate,
         cameras=config.cameras,
         out=place.path / PRETRAIN,
+        judge=_vision_judge(config),
         blind=config.finetune.wants_blind_prior,
         executor=place.executor(config),
     )
+    blind = warning(from_metrics(result["metrics"]))
+    if not blind:
+        return result
+    if team().leads:
+        say(f"warning: {blind}\n  hint: {REMEDY}")
+    return {**result, "warning": blind}
+
+
+def has_recipe(config: RunConfig) -> bool:
+    """Whether the config says how the prior's episodes are made, so that fresh ones can be."""
+    return config.same_environment is None and config.pretrain.source.name in _GENERATED
+
+
+def _vision_judge(config: RunConfig) -> JudgeMaker | None:
+    """What says at every checkpoint whether the prior looks, where fresh episodes can be made."""
+    count = config.pretrain.probe_episodes
+    if count == 0 or not has_recipe(config):
+        return None
+    from geoprior.probe.judge import make_vision_judge
+
+    return partial(make_vision_judge, config.generate, config.cameras, config.seed, count)
 
 
 def _demos(config: RunConfig, place: Workplace) -> Mapping[str, Any]:

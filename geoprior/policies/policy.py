@@ -103,6 +103,10 @@ class Policy(Protocol):
     in bfloat16 on a CPU the large weights may be bfloat16 themselves, which saves rounding them at every
     step. It holds where all arithmetic with them is under the caller's autocast; a part with autocast
     switched off would meet two types.
+
+    One method more may be there: ``trunk_features(images)``, from frames (B, cameras, 3, H, W) to what the
+    visual trunk makes of each, (B, cameras, F) float32, without gradients: `geoprior probe` asks what can be
+    read from it. `geoprior.policies.trunk.camera_features` is one.
     """
 
     features: Features

@@ -9,6 +9,7 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from geoprior.probe.sight import Sight
 from geoprior.report import controls, words
 from geoprior.report.headline import caution, explanation, headline, readings
 from geoprior.report.palette import colours_of
@@ -53,6 +54,23 @@ class PageMedia:
     caption: str
     kind: str
     condition: str
+
+
+@dataclass(frozen=True)
+class SightSection:
+    """Whether the prior looks.
+
+    Attributes:
+        sentence: The answer.
+        caution: What is wrong and what to do, or an empty string.
+        picture: Errors over pretraining.
+        rows: By motion, ``all`` first, at the end of pretraining.
+    """
+
+    sentence: str
+    caution: str
+    picture: Picture
+    rows: Sequence[tuple[str, Sight]]
 
 
 @dataclass(frozen=True)
@@ -123,6 +141,7 @@ def render(
     *,
     media: Mapping[str, Sequence[PageMedia]],
     losses: Picture | None,
+    sight: SightSection | None = None,
     config_text: str,
     run: Mapping[str, Any],
 ) -> str:
@@ -133,6 +152,7 @@ def render(
         groups: One for each robot and task, at least one.
         media: By section: ``synthetic``, ``demonstrations``, ``rollouts``.
         losses: Figure of the training losses, if there are any.
+        sight: Whether the prior looks, if that was measured.
         config_text: The resolved config.
         run: What ``run.json`` holds; missing parts are left out.
     """
@@ -164,6 +184,7 @@ def render(
         media=media,
         films=_by_condition(media["rollouts"]),
         losses=losses,
+        sight=sight,
         config_text=config_text,
         stages=stages(run),
         versions=_texts(run.get("versions")),

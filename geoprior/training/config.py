@@ -129,6 +129,7 @@ class PretrainConfig(TrainConfig):
     """Training on the geometric data set."""
 
     later = TrainConfig.later | {"until_vision_gain"}
+    speed_only = TrainConfig.speed_only | {"probe_episodes"}
 
     init: Literal["scratch", "imagenet"] = Field(
         "scratch",
@@ -149,6 +150,20 @@ class PretrainConfig(TrainConfig):
         description="Where the episodes come from: `shards` reads those that were generated, `endless` makes "
         "fresh ones while training.",
     )
+    probe_episodes: int = Field(
+        30,
+        ge=0,
+        le=100_000,
+        description="Fresh episodes of each motion on which it is measured at every checkpoint whether the "
+        "policy looks: `vision_gain` and what it is compared with; 0 does not. Never changes a result.",
+    )
+
+    @field_validator("probe_episodes")
+    @classmethod
+    def _can_be_shuffled(cls, count: int) -> int:
+        if count == 1:
+            raise ValueError("one episode of a motion cannot get another one's images: two at least, or 0")
+        return count
 
     @model_validator(mode="after")
     def _may_end_early(self) -> Self:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
     from torch import nn
 
+    from geoprior.policies.normalise import Statistics
+    from geoprior.policies.policy import Features
+    from geoprior.sources.source import Source
     from geoprior.training.machine import Machine
 
 
@@ -35,3 +39,26 @@ class Judge(Protocol):
             machine: Precision and device.
         """
         ...
+
+
+@dataclass(frozen=True)
+class Taught:
+    """What a training learns from, for judges that compare with it.
+
+    Attributes:
+        source: Its episodes.
+        slots: Those that it is trained on.
+        features: Of the policy.
+        statistics: Of its normalisation.
+        skip: Steps of the episodes in one of the policy's.
+    """
+
+    source: Source
+    slots: Sequence[int]
+    features: Features
+    statistics: Statistics
+    skip: int
+
+
+JudgeMaker = Callable[[Taught], Judge]
+"""Makes a judge of one training."""

@@ -189,7 +189,9 @@ def _run(training: Training) -> dict[str, Any]:
         closing(training.batches.stream(progress.step, training.steps, parts)) as batches,
         _shown(training, progress.step * batch_size) as shown,
     ):
-        while progress.step < training.steps and not _is_enough(training, progress.step in due, judged):
+        while progress.step < training.steps:
+            if progress.step in due and _is_enough(training, lasting, judged):
+                break
             mine = {part: next(batches) for part in parts}
             metrics = take_step(training, optimizer, progress.step, mine)
             averages = _average(progress.averages, metrics, progress.step)
@@ -248,12 +250,12 @@ def _judge(training: Training, policy: nn.Module) -> dict[str, float]:
     return measured
 
 
-def _is_enough(training: Training, at_checkpoint: bool, judged: Mapping[str, float] | None) -> bool:  # noqa: FBT001
+def _is_enough(training: Training, policy: nn.Module, judged: Mapping[str, float] | None) -> bool:
     """The same in all processes; a training that was resumed at a checkpoint is judged again."""
     enough = training.is_enough
-    if enough is None or not at_checkpoint:
+    if enough is None:
         return False
-    said: bool = training.team.agree(lambda: enough(_judge(training) if judged is None else judged))
+    said: bool = training.team.agree(lambda: enough(_judge(training, policy) if judged is None else judged))
     return said
 
 

@@ -30,7 +30,7 @@ from geoprior.sources.source import SourceContext, targets_of
 from geoprior.training.config import ConditionConfig, TrainConfig
 from geoprior.training.data import Batches, features_of, split_slots, statistics_of
 from geoprior.training.held_out import HeldOut
-from geoprior.training.judge import has_vision_gain
+from geoprior.training.judge import Taught, has_vision_gain
 from geoprior.training.loop import Training, fit
 from geoprior.training.machine import Machine, decide_machine, require_device
 from geoprior.training.priors import BLIND, find_prior
@@ -51,6 +51,7 @@ if TYPE_CHECKING:
     from geoprior.shards.config import GenerateConfig
     from geoprior.sources.source import Source
     from geoprior.training.config import FinetuneConfig, PretrainConfig
+    from geoprior.training.judge import Judge, JudgeMaker
 
 _MACHINES = frozenset({"threads", "precision", "device"})
 """Fields that say what the machine shall be; what it is decides."""
@@ -66,6 +67,7 @@ class Job:
         condition: How it begins.
         prior: The checkpoint that it takes weights or statistics from, if any.
         folder: Where it writes.
+        judge: Makes a judge of it, besides that of the held-out episodes.
     """
 
     run: str
@@ -73,6 +75,7 @@ class Job:
     condition: ConditionConfig
     prior: Path | None
     folder: Path
+    judge: JudgeMaker | None = None
 
 
 @dataclass(frozen=True)
@@ -103,6 +106,7 @@ def pretrain(
     generate: GenerateConfig,
     cameras: CamerasConfig,
     out: Path,
+    judge: JudgeMaker | None = None,
     blind: bool = False,
     executor: Executor | None = None,
 ) -> dict[str, Any]:
@@ -116,6 +120,7 @@ def pretrain(
         generate: What they were made from.
         cameras: The same.
         out: Gets ``epoch-*.safetensors`` and their JSON, ``log.jsonl``, ``machine.json``, ``result.json``.
+        judge: Makes what the policy is judged by at every checkpoint, besides held-out episodes.
         blind: Whether a second prior is trained, into ``out/blind``: the same but for its frames, all black.
         executor: Runs the two side by side where each takes one thread; by default this process does.
 
@@ -132,8 +137,9 @@ def pretrain(
     job_seed = integer_seed(seed, "pretrain")
 
     def work(run: str, folder: Path, *, black: bool) -> Work:
+        job = Job(run, job_seed, begin, None, folder, None if black else judge)
         source = partial(_episodes, config.source, context, policy, blind=black)
-        return Work(config, Job(run, job_seed, begin, None, folder), policy, source, machine)
+        return Work(config, job, policy, source, machine)
 
     works = [work("pretrain", out, black=False)]
     if blind:
@@ -265,6 +271,11 @@ def train(
     ends = {} if wanted is None else {"until_vision_gain": wanted}
     normaliser = Normaliser(statistics, actions=options.actions)
     batches = Batches(source, features, normaliser, config, job.seed, slots)
+    judges: list[Judge] = []
+    if aside:
+        judges.append(HeldOut(source, aside, features, normaliser, config, batches.read))
+    if job.judge is not None:
+        judges.append(job.judge(Taught(source, slots, features, statistics, config.skip)))
     training = Training(
         run=job.run,
         folder=job.folder,
@@ -277,7 +288,7 @@ def train(
         header=CheckpointHeader(choice, replace(features, targets=()), fps, statistics, 0, 0, details),
         fingerprint=sha256_json({"policy": deciding_options, "fps": fps, **details, **ends}),
         team=team(),
-        judges=[HeldOut(source, aside, features, normaliser, config, batches.read)] if aside else [],
+        judges=judges,
         is_enough=None if wanted is None else partial(has_vision_gain, wanted),
         quiet=quiet,
     )
