@@ -135,7 +135,7 @@ def fresh_episodes(generate: GenerateConfig, cameras: CamerasConfig, seed: int, 
     root = integer_seed(seed, ROOT)
     source = generated_source(generate, cameras, root, count)
     motions = [motion.name for _ in range(count) for motion in generate.motions]
-    studio = Studio(generate, cameras, root)
+    studio = Studio(generate, cameras, root, count)
 
     def object_positions(place: int, steps: NDArray[np.int64]) -> FloatArray:
         index, turn = divmod(place, len(generate.motions))
