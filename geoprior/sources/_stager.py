@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -143,7 +143,7 @@ class Stager:
 
 def _bytes_of(shots: Mapping[str, Shot]) -> int:
     """Memory of the arrays, each counted once: the cameras share most."""
-    arrays = [shot.view.transforms_world_to_camera for shot in shots.values()]
+    arrays: list[NDArray[Any]] = [shot.view.transforms_world_to_camera for shot in shots.values()]
     for shot in shots.values():
         for cloud in shot.clouds:
             arrays += [cloud.points, cloud.transforms_cloud_to_world]
