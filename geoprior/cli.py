@@ -502,6 +502,50 @@ def export_onnx_file(checkpoint: Path, out: Path) -> None:
 
 
 @cli.command()
+@click.argument("checkpoint", type=click.Path(path_type=Path))
+@click.option(
+    "--data",
+    type=click.Path(path_type=Path),
+    help="Measure on these episodes: a folder of shards, or one tar.  [what its run says]",
+)
+@click.option("--episodes", type=click.IntRange(2, 100_000), help="Of each motion, at most.  [100]")
+@click.option("--states", type=click.IntRange(2, 100_000), help="Initial states to aim on.  [160]")
+@click.option("--no-aim", is_flag=True, help="Leave the aim error out, which simulates.")
+@click.option("--json", "as_json", is_flag=True, help="Print one object: motions, aim, linear_probe_cm.")
+def probe(
+    checkpoint: Path,
+    data: Path | None,
+    episodes: int | None,
+    states: int | None,
+    no_aim: bool,  # noqa: FBT001
+    as_json: bool,  # noqa: FBT001
+) -> None:
+    """Measure whether a policy looks: its error with the right images, with others' and with none.
+
+    \b
+      geoprior probe runs/quickstart/checkpoints/pretrain/epoch-000025.safetensors
+      geoprior probe runs/quickstart/checkpoints/finetune/prior-s0/epoch-000192.safetensors --json
+
+    The errors are the normalised L1 of the predicted chunk on episodes that no training saw: with true
+    images, with images shuffled among the episodes of a motion, with black ones; beside them those of
+    standing still and of a regression on the pose alone. The vision gain is shuffled less true, with its
+    standard error over the episodes. The aim error is the distance, seen from above, from the chunk's end to
+    the object on unseen initial states of the run's robot and task. The linear probe says how well the
+    object's place can be read from the features of the visual trunk.
+    """  # noqa: D301
+    from geoprior.probing import EPISODES, STATES, Wanted, probe_checkpoint
+
+    wanted = Wanted(data, episodes or EPISODES, 0 if no_aim else states or STATES)
+    found = probe_checkpoint(checkpoint, wanted)
+    if not as_json:
+        click.echo("\n".join(found.as_lines()))
+        return
+    for remark in found.remarks:
+        _say(remark)
+    click.echo(json.dumps(found.as_tree(), indent=2))
+
+
+@cli.command()
 @click.argument("name", metavar="NAME")
 @click.option("--quick", is_flag=True, help="Less data, no goals: does it work, and about how fast?")
 @click.option("--json", "as_json", is_flag=True, help="Print one object: machine, versions, results.")

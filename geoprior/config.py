@@ -53,7 +53,8 @@ class RunConfig(Options):
     )
     executor: Choice = Field(
         default=Choice(name="local"),
-        description="Engine for generation, demonstrations and rollouts; never changes a result.",
+        description="Engine for generation, demonstrations, rollouts and trainings side by side; never "
+        "changes a result.",
     )
     generate: GenerateConfig = Field(default=GenerateConfig(), description="The geometric data set.")
     same_environment: SameEnvironmentConfig | None = Field(

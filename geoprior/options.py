@@ -55,8 +55,11 @@ def recipe_tree(options: BaseModel, exclude: frozenset[str] = frozenset()) -> di
 
 
 def deciding(options: BaseModel) -> dict[str, Any]:
-    """The fields that a result depends on, as JSON: all but those named in ``speed_only``."""
-    return options.model_dump(mode="json", exclude=set(getattr(options, "speed_only", ())))
+    """The fields that a result depends on, as JSON: all but those named in ``speed_only``.
+
+    As in a recipe those of `Options.later` at their default are left out.
+    """
+    return recipe_tree(options, frozenset(getattr(options, "speed_only", ())))
 
 
 class Choice(Options):

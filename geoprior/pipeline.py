@@ -30,6 +30,9 @@ def run_stages(folder: RunFolder, names: Sequence[str], plugins: Plugins, say: C
     """
     for stage in STAGES:
         if stage.name in names:
+            stage.outside(folder.config)  # what is missing is said before hours of work and not after
+    for stage in STAGES:
+        if stage.name in names:
             _run_stage(folder, stage, plugins, say)
     _write_run_file(folder, plugins)
     _disband()
@@ -127,6 +130,7 @@ def _execute(folder: RunFolder, stage: Stage, begun: Record, plugins: Plugins) -
 def _begun_record(folder: RunFolder, stage: Stage, plugins: Plugins) -> Record:
     part = stage.config(folder.config)
     inputs = {name: _input_digest(folder, stage, name) for name in stage.inputs}
+    inputs |= stage.outside(folder.config)
     content = {
         "stage": stage.name,
         "revision": stage.revision,

@@ -54,6 +54,11 @@ class Track:
         print(f"{self.label}: {self.done}/{self.total} {self.unit} {text}".rstrip(), file=sys.stderr)
 
 
+def say(text: str) -> None:
+    """A line on stderr."""
+    print(text, file=sys.stderr)
+
+
 @contextmanager
 def track(label: str, total: int, unit: str, done: int = 0, *, quiet: bool = False) -> Iterator[Track]:
     """Show progress on stderr.

@@ -33,7 +33,7 @@ class Record:
         status: ``begun`` or ``done``.
         fingerprint: Of the config and the inputs that the outputs belong to.
         config: The part of the config that went into the fingerprint.
-        inputs: Digest of every stage read.
+        inputs: Digest of every stage read, and of what was read from outside of the run folder.
         outputs: SHA-256 and bytes of every file written; empty until done.
         result: Small facts that the stage returned.
         seconds: Wall time of the attempt that ended it.

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from geoprior.hooks.manager import Plugins
     from geoprior.hooks.types import Executor
     from geoprior.sim.config import SameEnvironmentConfig
+    from geoprior.training.judge import JudgeMaker
 
 SYNTHETIC = "shards/synthetic"
 DEMOS = "shards/demos"
@@ -27,6 +29,8 @@ RESULTS = "results.json"
 REPORT = "report"
 _EPISODES = ("*.tar", "manifest.json")
 _WEIGHTS = ("epoch-*",)
+_GENERATED = ("shards", "endless")
+"""Sources whose episodes the config's recipe makes, so that fresh ones can be made as well."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +59,10 @@ def _always(_: RunConfig) -> bool:
     return True
 
 
+def _nothing(_: RunConfig) -> Mapping[str, str]:
+    return {}
+
+
 @dataclass(frozen=True)
 class Stage:
     """One stage.
@@ -71,6 +79,8 @@ class Stage:
         passes_on: Patterns of the names of the files that later stages read: those are made again when they
             are lost. The rest, such as logs, is for people.
         simulates: Whether it renders robots, for which a machine needs GL.
+        outside: Digests of what it reads from outside of the run folder, each by a name: wherever that lies,
+            other content is another input.
     """
 
     name: str
@@ -83,6 +93,7 @@ class Stage:
     together: bool = False
     passes_on: tuple[str, ...] = ("*",)
     simulates: Callable[[RunConfig], bool] = _never
+    outside: Callable[[RunConfig], Mapping[str, str]] = _nothing
 
 
 def _part(*keys: str) -> Callable[[RunConfig], dict[str, Any]]:
@@ -106,7 +117,27 @@ def _pretrain_part(config: RunConfig) -> dict[str, Any]:
     source = config.pretrain.source
     options = deciding(plugins().options("source", source))
     tree["pretrain"]["source"] = {"name": source.name, **options}
+    if config.finetune.wants_blind_prior:
+        tree["blind_prior"] = True
     return tree
+
+
+def _finetune_part(config: RunConfig) -> dict[str, Any]:
+    """A prior's path decides nothing, its content does: see `_outside_priors`."""
+    tree = _part("seed", "policy", "finetune")(config)
+    for name, condition in config.finetune.conditions.items():
+        if condition.prior is not None:
+            tree["finetune"]["conditions"][name]["prior"] = "of another run"
+    return tree
+
+
+def _outside_priors(config: RunConfig) -> Mapping[str, str]:
+    conditions = config.finetune.conditions
+    if all(condition.prior is None for condition in conditions.values()):
+        return {}
+    from geoprior.training.priors import outside_digests
+
+    return {f"prior of {name}": digest for name, digest in outside_digests(conditions).items()}
 
 
 def _generate(config: RunConfig, place: Workplace) -> Mapping[str, Any]:
@@ -138,9 +169,12 @@ def _collect_mixture(wanted: SameEnvironmentConfig, config: RunConfig, place: Wo
 
 
 def _pretrain(config: RunConfig, place: Workplace) -> Mapping[str, Any]:
+    from geoprior.probe.sight import REMEDY, from_metrics, warning
+    from geoprior.progress import say
     from geoprior.training.stages import pretrain
+    from geoprior.training.team import team
 
-    return pretrain(
+    result = pretrain(
         config.pretrain,
         policy=config.policy,
         seed=config.seed,
@@ -148,7 +182,31 @@ def _pretrain(config: RunConfig, place: Workplace) -> Mapping[str, Any]:
         generate=config.generate,
         cameras=config.cameras,
         out=place.path / PRETRAIN,
+        judge=_vision_judge(config),
+        blind=config.finetune.wants_blind_prior,
+        executor=place.executor(config),
     )
+    blind = warning(from_metrics(result["metrics"]))
+    if not blind:
+        return result
+    if team().leads:
+        say(f"warning: {blind}\n  hint: {REMEDY}")
+    return {**result, "warning": blind}
+
+
+def has_recipe(config: RunConfig) -> bool:
+    """Whether the config says how the prior's episodes are made, so that fresh ones can be."""
+    return config.same_environment is None and config.pretrain.source.name in _GENERATED
+
+
+def _vision_judge(config: RunConfig) -> JudgeMaker | None:
+    """What says at every checkpoint whether the prior looks, where fresh episodes can be made."""
+    count = config.pretrain.probe_episodes
+    if count == 0 or not has_recipe(config):
+        return None
+    from geoprior.probe.judge import make_vision_judge
+
+    return partial(make_vision_judge, config.generate, config.cameras, config.seed, count)
 
 
 def _demos(config: RunConfig, place: Workplace) -> Mapping[str, Any]:
@@ -176,6 +234,7 @@ def _finetune(config: RunConfig, place: Workplace) -> Mapping[str, Any]:
         demos=place.path / DEMOS,
         prior=place.path / PRETRAIN,
         out=place.path / FINETUNE,
+        executor=place.executor(config),
     )
 
 
@@ -205,6 +264,7 @@ def _report(config: RunConfig, place: Workplace) -> Mapping[str, Any]:
         run=place.path,
         results=place.path / RESULTS,
         out=place.path / REPORT,
+        conditions=config.finetune.conditions,
     )
 
 
@@ -247,11 +307,12 @@ STAGES = (
         summary="Train on the demonstrations, once for each condition and training seed.",
         inputs=("pretrain", "demos"),
         outputs=(FINETUNE,),
-        config=_part("seed", "policy", "finetune"),
+        config=_finetune_part,
         run=_finetune,
-        revision=2,
+        revision=3,
         together=True,
         passes_on=_WEIGHTS,
+        outside=_outside_priors,
     ),
     Stage(
         name="evaluate",

@@ -39,7 +39,9 @@ cameras: {height: 32, width: 32}
 executor: {name: local, workers: 2}
 generate: {episodes: 4, seconds: 2, episodes_per_shard: 2}
 policy: {name: act, chunk: 4, dim: 16, heads: 2, ffn: 32, encoder_layers: 1, vae_layers: 1, trunk_width: 8}
-pretrain: {epochs: 6, batch_size: 4, checkpoint_every: 2, precision: fp32, log_every: 1, resume_seconds: 0}
+pretrain:
+  {epochs: 6, batch_size: 4, checkpoint_every: 2, precision: fp32, log_every: 1, resume_seconds: 0,
+   probe_episodes: 2}
 demos: {episodes: 3}
 finetune: {epochs: 8, batch_size: 2, checkpoint_every: 4, precision: fp32}
 evaluate: {trials: 3, time_limit: 0.6}

@@ -122,6 +122,29 @@ def test_a_damaged_file_is_gone_when_its_stage_runs_and_the_stages_behind_it_sta
     ]
 
 
+def test_other_content_outside_of_the_run_folder_runs_a_stage_again(house, monkeypatch):
+    first, second = pipeline.STAGES
+    digests = {"a file": "1"}
+    second = replace(second, outside=lambda _: digests)
+    monkeypatch.setattr(pipeline, "STAGES", (first, second))
+    assert house.run() == BOTH
+    assert house.run() == []
+    digests["a file"] = "2"
+    assert house.run() == ["two.txt"]
+    assert house.said == ["first: done before, skipped", "second: its inputs have changed, runs again"]
+
+
+def test_what_is_missing_outside_of_the_run_folder_is_said_first(house, monkeypatch):
+    def missing(_):
+        raise DataError("it is not there")
+
+    first, second = pipeline.STAGES
+    monkeypatch.setattr(pipeline, "STAGES", (first, replace(second, outside=missing)))
+    with pytest.raises(DataError, match="it is not there"):
+        house.run()
+    assert house.run("first") == ["one/a.txt"]
+
+
 def test_a_file_that_is_an_output_by_itself_is_the_stages_to_mend(house, monkeypatch):
     house.run()
     (house.path / "two.txt").write_text("")

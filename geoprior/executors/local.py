@@ -10,13 +10,16 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from pydantic import Field
 
 from geoprior import ExecutorSpec, hookimpl
 from geoprior.errors import MachineError
 from geoprior.options import Options
+
+if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -50,23 +53,35 @@ class LocalExecutor:
     def run(self, function: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[tuple[int, Result]]:
         """See `geoprior.hooks.types.Executor`.
 
+        An error or Ctrl-C ends the workers where they are, as a kill would: what is being done may take
+        hours more. Results left unread do not.
+
         Raises:
             MachineError: A worker died (killed, out of memory, or a crash in a library).
         """
         if not items:
             return
+        context = get_context("spawn")
+        ends, held = context.Pipe(duplex=False)
         pool = ProcessPoolExecutor(
             max_workers=min(self.workers, len(items)),
-            mp_context=get_context("spawn"),
-            initializer=prepare_worker,
-            initargs=(os.getpid(),),
+            mp_context=context,
+            initializer=_prepare_pool_worker,
+            initargs=(os.getpid(), ends),
         )
         try:
             futures = {pool.submit(function, item): index for index, item in enumerate(items)}
             for future in as_completed(futures):
                 yield futures.pop(future), _result(future)
+        except GeneratorExit:
+            raise
+        except BaseException:
+            held.close()
+            raise
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
+            held.close()
+            ends.close()
 
 
 def _result(future: Future[Result]) -> Result:
@@ -89,6 +104,20 @@ def prepare_worker(parent: int) -> None:
         os.environ[f"{library}_NUM_THREADS"] = "1"
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     end_with_parent(parent)
+
+
+def _prepare_pool_worker(parent: int, ends: Connection) -> None:
+    prepare_worker(parent)
+    threading.Thread(target=_end_with_pipe, args=(ends,), daemon=True).start()
+
+
+def _end_with_pipe(ends: Connection) -> None:
+    """End this process when the pipe's other end is closed, which nothing is ever written to.
+
+    An event of multiprocessing would do, were it not that to set one hangs once a waiting process was killed.
+    """
+    ends.poll(None)
+    os._exit(1)
 
 
 def end_with_parent(parent: int) -> None:

@@ -28,7 +28,7 @@ from geoprior.policies.normalise import (
     statistics_from_json,
     statistics_to_json,
 )
-from geoprior.policies.policy import Features
+from geoprior.policies.policy import ActionKind, Features
 from geoprior.policies.predictor import LoadedPredictor
 from geoprior.policies.tensors import fill, load_tensors, save_tensors
 
@@ -76,6 +76,20 @@ class CheckpointHeader:
     epoch: int
     step: int
     details: Mapping[str, Any]
+
+    @property
+    def actions(self) -> ActionKind:
+        """How it says positions; checkpoints of before there was a choice are `absolute`."""
+        return "relative" if self.policy.options.get("actions") == "relative" else "absolute"
+
+    @property
+    def normaliser(self) -> Normaliser:
+        """Of its statistics, for actions of its kind.
+
+        Raises:
+            DataError: A feature lacks statistics.
+        """
+        return Normaliser(self.statistics, actions=self.actions)
 
     @property
     def data(self) -> str | None:
@@ -289,7 +303,7 @@ def load_predictor(path: Path, *, half: bool = False) -> LoadedPredictor:
         ConfigError: The policy is of a plug-in that is not installed.
     """
     header, tensors = load_checkpoint(path)
-    normaliser = Normaliser(header.statistics)
+    normaliser = header.normaliser
     policy: nn.Module = plugins().build("policy", header.policy, header.features)
     fill(policy, tensors, path)
     return LoadedPredictor(policy, header.features, header.fps, normaliser, half=half)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, cast
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
-from geoprior.policies.normalise import NORMALISED_FEATURES, STD_FLOOR, normalise_images
+from geoprior.policies.normalise import NORMALISED_FEATURES, STD_FLOOR, normalise_images, origins
 from geoprior.shards.episode import POSE_SIZE
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ class DeployedPolicy(nn.Module):
     pose_std: Tensor
     action_mean: Tensor
     action_std: Tensor
+    counted: Tensor
 
     def __init__(self, policy: nn.Module, normaliser: Normaliser) -> None:
         super().__init__()
@@ -36,6 +38,10 @@ class DeployedPolicy(nn.Module):
             self.register_buffer(f"{name}_mean", torch.tensor(feature.mean, dtype=torch.float64))
             std = torch.tensor(feature.std, dtype=torch.float64).clamp_min(STD_FLOOR)
             self.register_buffer(f"{name}_std", std)
+        self._is_relative = normaliser.actions == "relative"
+        if self._is_relative:
+            ones = np.ones(len(normaliser.statistics["pose"].mean), np.float32)
+            self.register_buffer("counted", torch.from_numpy(origins(ones, normaliser.actions)))
 
     def forward(self, pose: Tensor, *frames: Tensor) -> Tensor:
         """One chunk of commands for each of B observations.
@@ -54,7 +60,10 @@ class DeployedPolicy(nn.Module):
         normalised = ((pose.double() - self.pose_mean) / self.pose_std).float()
         images = normalise_images(torch.stack(frames, dim=1))
         actions = cast("Policy", self.policy).predict({"pose": normalised, "images": images})
-        return (actions.double() * self.action_std + self.action_mean).float()
+        said = actions.double() * self.action_std + self.action_mean
+        if self._is_relative:
+            said = said + torch.where(self.counted > 0.0, pose.double().unsqueeze(1), 0.0)
+        return said.float()
 
 
 def commands(actions: Tensor) -> Tensor:

@@ -69,7 +69,7 @@ def export_lerobot(
         raise DataError(f"{out}: not an empty folder", "name a new one")
     save_tensors(out / "model.safetensors", _renamed(act.config, tensors), METADATA)
     write_processors(out, header)
-    save_tensors(out / CHECK_FILE, _check(act, Normaliser(header.statistics)), METADATA)
+    save_tensors(out / CHECK_FILE, _check(act, header.normaliser), METADATA)
     write_bytes(out / "README.md", _readme(header).encode())
     write_json(out / "config.json", config_tree(act.config, header.features) | running)
     return tuple(sorted(out.iterdir()))
@@ -78,6 +78,11 @@ def export_lerobot(
 def _network(path: Path, header: CheckpointHeader, tensors: Mapping[str, Tensor]) -> ActNetwork:
     if header.policy.name != "act":
         raise DataError(f"{path}: a policy {header.policy.name!r}; only 'act' has a counterpart in LeRobot")
+    if header.actions != "absolute":
+        raise DataError(
+            f"{path}: its actions are relative to the present pose; LeRobot's ACT says absolute ones",
+            "train with policy.actions: absolute, or export to ONNX, whose graph adds the pose",
+        )
     act: ActNetwork = plugins().build("policy", header.policy, header.features)
     if act.config.trunk_norm == "group":
         raise DataError(

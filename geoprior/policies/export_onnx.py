@@ -88,7 +88,7 @@ def export_onnx(checkpoint: Path, out: Path) -> OnnxExport:
     _require_free_names(checkpoint, header.features)
     policy: nn.Module = plugins().build("policy", header.policy, header.features)
     fill(policy, tensors, checkpoint)
-    normaliser = Normaliser(header.statistics)
+    normaliser = header.normaliser
     deployed = DeployedPolicy(policy, normaliser)
     _require_room(checkpoint, deployed)
     model = _as_graph(deployed, header)

@@ -17,10 +17,13 @@ from pydantic import NonNegativeFloat, PositiveInt, TypeAdapter
 from geoprior.errors import DataError
 from geoprior.lanes import in_lanes, numbers_of
 from geoprior.options import Options
+from geoprior.shards.episode import POSE_FIELDS, POSE_SIZE
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
     from torch import Tensor
+
+    from geoprior.policies.policy import ActionKind
 
 STD_FLOOR = 1e-2
 """Smallest standard deviation that is divided by: a constant channel must not amplify noise."""
@@ -30,6 +33,7 @@ IMAGE_STD = (0.229, 0.224, 0.225)
 _IMAGE_SCALE = torch.tensor([1.0 / (255.0 * std) for std in IMAGE_STD])
 _IMAGE_SHIFT = torch.tensor([-mean / std for mean, std in zip(IMAGE_MEAN, IMAGE_STD, strict=True)])
 NORMALISED_FEATURES = ("pose", "action")
+_IS_POSITION = np.array([field in {"x", "y", "z"} for field in POSE_FIELDS])
 
 
 @dataclass(frozen=True)
@@ -128,18 +132,39 @@ def statistics_from_json(tree: Mapping[str, Any], channels: int) -> dict[str, Fe
     return statistics
 
 
+def origins(pose: NDArray[np.float32], actions: ActionKind) -> NDArray[np.float64]:
+    """What the actions of a chunk are counted from.
+
+    Relative ones are counted from the present position of each hand. Quaternions are not: their difference is
+    no rotation, and hands that work over a table turn within a small range. Grippers are open or closed.
+
+    Args:
+        pose: (..., 8 x hands), where the hands are.
+        actions: Of the policy.
+
+    Returns:
+        (..., 1, 8 x hands), to be taken from actions (..., chunk, 8 x hands); zero where nothing is.
+    """
+    counted = np.tile(_IS_POSITION, pose.shape[-1] // POSE_SIZE) & (actions == "relative")
+    return np.where(counted, pose, 0.0).astype(np.float64)[..., None, :]
+
+
 class Normaliser:
     """Normalises poses and actions, and undoes it.
 
     Args:
-        statistics: Of every name in `NORMALISED_FEATURES`.
+        statistics: Of every name in `NORMALISED_FEATURES`; of the actions as they are learned.
         std_floor: See `STD_FLOOR`.
+        actions: How positions are learned.
 
     Raises:
         DataError: A feature lacks statistics.
     """
 
-    def __init__(self, statistics: Statistics, std_floor: float = STD_FLOOR) -> None:
+    def __init__(
+        self, statistics: Statistics, std_floor: float = STD_FLOOR, *, actions: ActionKind = "absolute"
+    ) -> None:
+        self.actions = actions
         self.statistics = {name: require(statistics, name) for name in NORMALISED_FEATURES}
         self._mean = {name: np.array(feature.mean) for name, feature in self.statistics.items()}
         self._std = {
@@ -155,6 +180,19 @@ class Normaliser:
         """The inverse of `normalise`."""
         raw: NDArray[np.float32] = (values * self._std[name] + self._mean[name]).astype(np.float32)
         return raw
+
+    def normalise_actions(
+        self, pose: NDArray[np.float32], actions: NDArray[np.float32]
+    ) -> NDArray[np.float32]:
+        """Poses (..., channels) and raw actions (..., chunk, channels) to what a policy learns to say."""
+        return self.normalise("action", actions - origins(pose, self.actions))
+
+    def denormalise_actions(
+        self, pose: NDArray[np.float32], actions: NDArray[np.float32]
+    ) -> NDArray[np.float32]:
+        """The inverse of `normalise_actions`."""
+        raw = actions * self._std["action"] + self._mean["action"] + origins(pose, self.actions)
+        return np.asarray(raw.astype(np.float32))
 
 
 def normalise_images(frames: Tensor) -> Tensor:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, NotRequired, Protocol, TypedDict
+from typing import TYPE_CHECKING, ClassVar, Literal, NotRequired, Protocol, TypedDict
 
 from pydantic import Field
 
@@ -21,10 +21,21 @@ TrunkNorm = Literal["batch", "frozen", "group"]
 """Norms of `geoprior.policies.trunk.ResNet18`: trainable batch norm, one that stays as it is, group norm."""
 
 
+ActionKind = Literal["absolute", "relative"]
+"""How a policy says positions: in the workspace frame, or as what they differ from the present one."""
+
+
 class PolicyOptions(Options):
     """What the trainer reads of every policy's options; a policy's config model derives from it."""
 
+    later: ClassVar[frozenset[str]] = frozenset({"actions"})
+
     chunk: int = Field(25, ge=1, le=1000, description="Actions that one prediction holds.")
+    actions: ActionKind = Field(
+        "absolute",
+        description="What is learned of the positions in a chunk: `absolute` ones, or how they differ from "
+        "the present one, `relative`. Commands are absolute in any case; a prior must be of the same kind.",
+    )
 
     @property
     def uses_targets(self) -> bool:
@@ -92,6 +103,10 @@ class Policy(Protocol):
     in bfloat16 on a CPU the large weights may be bfloat16 themselves, which saves rounding them at every
     step. It holds where all arithmetic with them is under the caller's autocast; a part with autocast
     switched off would meet two types.
+
+    One method more may be there: ``trunk_features(images)``, from frames (B, cameras, 3, H, W) to what the
+    visual trunk makes of each, (B, cameras, F) float32, without gradients: `geoprior probe` asks what can be
+    read from it. `geoprior.policies.trunk.camera_features` is one.
     """
 
     features: Features

@@ -64,7 +64,7 @@ class LoadedPredictor:
         with torch.inference_mode(), torch.autocast("cpu", torch.bfloat16, enabled=self._half):
             frames = normalise_images(torch.from_numpy(stacked))
             actions = self._policy.predict({"pose": poses, "images": frames}).numpy()
-        return to_commands(self._normaliser.denormalise("action", actions))
+        return to_commands(self._normaliser.denormalise_actions(pose, actions))
 
     def _stack(self, pose: NDArray[np.float32], images: Mapping[str, NDArray[np.uint8]]) -> NDArray[np.uint8]:
         if set(images) != set(self.features.cameras):

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 STRIDE = 32
 """Pixels from one cell of the feature map to the next."""
+_FEATURE_CELLS = 4
+"""Rows and columns of a camera's features, at most."""
 
 
 class FrozenBatchNorm(nn.Module):
@@ -188,3 +190,20 @@ class ResNet18(nn.Module):
         from geoprior.policies._packed_trunk import PackedTrunk
 
         return PackedTrunk(self, size, dtype)
+
+
+def camera_features(trunk: nn.Module, images: Tensor) -> Tensor:
+    """Each camera's feature map, averaged to at most 4 x 4 cells and flattened; without gradients.
+
+    Args:
+        trunk: From (B, 3, H, W) to (B, channels, rows, columns).
+        images: (B, cameras, 3, H, W) normalised frames.
+
+    Returns:
+        (B, cameras, F) float32.
+    """
+    with torch.no_grad():
+        maps = trunk(images.flatten(0, 1)).float()
+        rows, columns = (min(size, _FEATURE_CELLS) for size in maps.shape[2:])
+        cells: Tensor = functional.adaptive_avg_pool2d(maps, (rows, columns))
+    return cells.reshape(*images.shape[:2], -1)

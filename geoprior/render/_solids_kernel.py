@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from geoprior.compiled import compiled
+from geoprior.compiled import compiled, inlined
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -87,6 +87,38 @@ def _shade(
     return int(red) | int(green) << 8 | int(blue) << 16
 
 
+@inlined
+def _fill_span(
+    colours: NDArray[np.uint32],
+    nearness: NDArray[np.float32],
+    row: int,
+    begin: int,
+    end: int,
+    shade: np.uint32,
+    at_begin: np.float32,
+    step: np.float32,
+) -> None:
+    """Draw pixels of a row, ``begin`` to before ``end``, whose nearness begins there and grows by a step."""
+    for column in range(begin, end):
+        here = at_begin + np.float32(column - begin) * step
+        seen = here > nearness[row, column]
+        nearness[row, column] = here if seen else nearness[row, column]
+        colours[row, column] = shade if seen else colours[row, column]
+
+
+@inlined
+def _downwards(corners: NDArray[np.float64]) -> tuple[int, int, int]:
+    """The three corners from the topmost to the lowest."""
+    top, middle, bottom = 0, 1, 2
+    if corners[top, 1] > corners[middle, 1]:
+        top, middle = middle, top
+    if corners[middle, 1] > corners[bottom, 1]:
+        middle, bottom = bottom, middle
+    if corners[top, 1] > corners[middle, 1]:
+        top, middle = middle, top
+    return top, middle, bottom
+
+
 @compiled
 def _fill(
     colours: NDArray[np.uint32],
@@ -97,21 +129,13 @@ def _fill(
 ) -> None:
     """Draw one triangle; rows of corners are column, row and nearness in pixels."""
     height, width = colours.shape
-    top, middle, bottom = 0, 1, 2
-    if corners[top, 1] > corners[middle, 1]:
-        top, middle = middle, top
-    if corners[middle, 1] > corners[bottom, 1]:
-        middle, bottom = bottom, middle
-    if corners[top, 1] > corners[middle, 1]:
-        top, middle = middle, top
+    top, middle, bottom = _downwards(corners)
     u0, v0, w0 = corners[top, 0], corners[top, 1], corners[top, 2]
     u1, v1, w1 = corners[middle, 0], corners[middle, 1], corners[middle, 2]
     u2, v2, w2 = corners[bottom, 0], corners[bottom, 1], corners[bottom, 2]
     first, last = int(np.ceil(max(v0, 0.0))), int(np.floor(min(v2, height - 1.0)))
-    if first > last or max(u0, u1, u2) < 0.0 or min(u0, u1, u2) > width - 1.0:
-        return
     area = (u1 - u0) * (v2 - v0) - (u2 - u0) * (v1 - v0)
-    if area == 0.0:
+    if first > last or max(u0, u1, u2) < 0.0 or min(u0, u1, u2) > width - 1.0 or area == 0.0:
         return
     along = ((w1 - w0) * (v2 - v0) - (w2 - w0) * (v1 - v0)) / area
     down = ((w2 - w0) * (u1 - u0) - (w1 - w0) * (u2 - u0)) / area
@@ -120,15 +144,12 @@ def _fill(
     shade, step = np.uint32(colour), np.float32(along * nearer)
     for row in range(first, last + 1):
         far = u0 + (row - v0) * long
+        # A level edge has no slope; its row is the other edge's first or last.
         near = u0 + (row - v0) * upper if row < v1 else (u1 + (row - v1) * lower if v2 > v1 else u1)
         begin = int(np.ceil(max(min(far, near), 0.0)))
         end = int(np.floor(min(max(far, near), width - 1.0))) + 1
         at_begin = np.float32((w0 + along * (begin - u0) + down * (row - v0)) * nearer)
-        for column in range(begin, end):
-            here = at_begin + np.float32(column - begin) * step
-            seen = here > nearness[row, column]
-            nearness[row, column] = here if seen else nearness[row, column]
-            colours[row, column] = shade if seen else colours[row, column]
+        _fill_span(colours, nearness, row, begin, end, shade, at_begin, step)
 
 
 @compiled

@@ -16,7 +16,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
 
 from geoprior.report.losses import LossCurve
-from geoprior.report.palette import COLOURS, FAINT_INK, GRID, INK, colours_of
+from geoprior.report.palette import COLOURS, FAINT_INK, GRID, INK, OWN_COLOURS, colours_of
 from geoprior.report.words import count, percent
 from geoprior.study.schema import ConditionResult, GroupResult
 
@@ -106,6 +106,47 @@ def loss_curves(curves: Sequence[LossCurve], conditions: Sequence[str], size: Si
             _draw_losses(axes, members, colours_of(conditions), size)
             title = f"{stage}: {METRIC_LABELS[members[0].metric]}"
             axes.set_title(title, loc="left", fontsize=size.font, color=FAINT_INK, pad=10)
+        return _svg(figure)
+
+
+def sight_curves(epochs: Sequence[float], lines: Mapping[str, Sequence[float]], size: Size = WIDE) -> bytes:
+    """Errors over pretraining, a line each, as SVG; with one checkpoint they are dots.
+
+    Args:
+        epochs: Of the checkpoints.
+        lines: By name, the error at each checkpoint; the policy's own stand before the baselines.
+        size: `WIDE` or `NARROW`.
+    """
+    colours = (*OWN_COLOURS.values(), COLOURS[-1], COLOURS[-2])
+    with mpl.rc_context(_STYLE):
+        figure, (axes,) = _panels(1, size)
+        for (name, values), colour in zip(lines.items(), colours, strict=True):
+            style = "-" if name.endswith("images") else "--"
+            axes.plot(
+                epochs, values, style, color=colour, linewidth=2.2, marker="o", markersize=5, clip_on=False
+            )
+        top = 1.1 * max(max(values) for values in lines.values())
+        heights = spread(
+            [values[-1] for values in lines.values()], 1.3 * top * size.font / size.height, 0.0, top
+        )
+        for (name, values), colour, height in zip(lines.items(), colours, heights, strict=True):
+            axes.annotate(
+                f"{name} {values[-1]:.3f}",
+                xy=(epochs[-1], height),
+                xytext=(11, 0),
+                textcoords="offset points",
+                va="center",
+                color=colour,
+                fontsize=size.font,
+                fontweight="bold",
+                annotation_clip=False,
+            )
+        axes.set_xlim(0.0, epochs[-1] * 1.02 or 1.0)
+        axes.set_ylim(0.0, top)
+        axes.xaxis.set_major_locator(MaxNLocator(4, integer=True))
+        axes.set_xlabel("epochs of pretraining", labelpad=8)
+        title = "error of the predicted actions (normalised L1)"
+        axes.set_title(title, loc="left", fontsize=size.font, color=FAINT_INK, pad=10)
         return _svg(figure)
 
 

@@ -9,7 +9,8 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from geoprior.report import words
+from geoprior.probe.sight import Sight
+from geoprior.report import controls, words
 from geoprior.report.headline import caution, explanation, headline, readings
 from geoprior.report.palette import colours_of
 from geoprior.study.schema import (
@@ -56,6 +57,23 @@ class PageMedia:
 
 
 @dataclass(frozen=True)
+class SightSection:
+    """Whether the prior looks.
+
+    Attributes:
+        sentence: The answer.
+        caution: What is wrong and what to do, or an empty string.
+        picture: Errors over pretraining.
+        rows: By motion, ``all`` first, at the end of pretraining.
+    """
+
+    sentence: str
+    caution: str
+    picture: Picture
+    rows: Sequence[tuple[str, Sight]]
+
+
+@dataclass(frozen=True)
 class Row:
     """One checkpoint of the table: a cell for each condition and for each comparison, or None."""
 
@@ -86,6 +104,7 @@ class GroupSection:
     rows: Sequence[Row]
     reasons: Sequence[ReasonRow]
     failures: Sequence[int]
+    gain_sentences: Sequence[str]
 
 
 @dataclass(frozen=True)
@@ -112,6 +131,7 @@ def group_section(group: GroupResult, picture: Picture, confidence: float) -> Gr
         rows=_rows(group),
         reasons=reasons,
         failures=failures,
+        gain_sentences=controls.sentences(group),
     )
 
 
@@ -121,6 +141,7 @@ def render(
     *,
     media: Mapping[str, Sequence[PageMedia]],
     losses: Picture | None,
+    sight: SightSection | None = None,
     config_text: str,
     run: Mapping[str, Any],
 ) -> str:
@@ -131,6 +152,7 @@ def render(
         groups: One for each robot and task, at least one.
         media: By section: ``synthetic``, ``demonstrations``, ``rollouts``.
         losses: Figure of the training losses, if there are any.
+        sight: Whether the prior looks, if that was measured.
         config_text: The resolved config.
         run: What ``run.json`` holds; missing parts are left out.
     """
@@ -153,12 +175,16 @@ def render(
             "points_interval",
         )
     }
+    environment.filters |= {
+        name: getattr(controls, name) for name in ("share_percent", "share_percent_interval")
+    }
     return environment.get_template("report.html").render(
         results=results,
         groups=groups,
         media=media,
         films=_by_condition(media["rollouts"]),
         losses=losses,
+        sight=sight,
         config_text=config_text,
         stages=stages(run),
         versions=_texts(run.get("versions")),

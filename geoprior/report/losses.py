@@ -51,15 +51,7 @@ def read_log(name: str, path: Path) -> LossCurve | None:
     Raises:
         DataError: The file cannot be read.
     """
-    try:
-        lines = path.read_bytes().splitlines()
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read ({error.strerror or error})") from error
-    entries = [_entry(line) for line in lines]
-    by_step = {
-        step: entry for entry in entries if entry is not None and (step := _number(entry, "step")) is not None
-    }
-    ordered = [by_step[step] for step in sorted(by_step)]
+    ordered, damaged = read_entries(path)
     for metric in METRICS:
         found = [(entry, value) for entry in ordered if (value := _number(entry, metric)) is not None]
         if found:
@@ -69,7 +61,24 @@ def read_log(name: str, path: Path) -> LossCurve | None:
     x_name = "epoch" if all(_number(entry, "epoch") is not None for entry, _ in found) else "step"
     x = np.array([float(entry[x_name]) for entry, _ in found])
     values = np.array([value for _, value in found])
-    return LossCurve(name, metric, x_name, _thin(x), _thin(values), damaged=entries.count(None))
+    return LossCurve(name, metric, x_name, _thin(x), _thin(values), damaged)
+
+
+def read_entries(path: Path) -> tuple[list[Mapping[str, Any]], int]:
+    """The whole lines of a log by rising step, and how many were damaged; see `read_log`.
+
+    Raises:
+        DataError: The file cannot be read.
+    """
+    try:
+        lines = path.read_bytes().splitlines()
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read ({error.strerror or error})") from error
+    entries = [_entry(line) for line in lines]
+    by_step = {
+        step: entry for entry in entries if entry is not None and (step := _number(entry, "step")) is not None
+    }
+    return [by_step[step] for step in sorted(by_step)], entries.count(None)
 
 
 def _entry(line: bytes) -> Mapping[str, Any] | None:

@@ -10,14 +10,17 @@ from typing import Any, Literal
 
 from geoprior.errors import DataError
 from geoprior.files import write_bytes
-from geoprior.report.figures import NARROW, WIDE, learning_curves, loss_curves
-from geoprior.report.html import PageMedia, Picture, group_section, render
+from geoprior.report.figures import NARROW, WIDE, learning_curves, loss_curves, sight_curves
+from geoprior.report.html import PageMedia, Picture, SightSection, group_section, render
 from geoprior.report.losses import LossCurve, read_log
+from geoprior.report.sight import read_sight
 from geoprior.report.words import percent
 from geoprior.study.schema import GroupResult, Results, parse_results
 
 PAGE = "index.html"
 MEDIA = "media"
+PRETRAINING = "pretrain"
+"""Name of the training whose log tells of the prior's sight."""
 SECTIONS = ("synthetic", "demonstrations", "rollouts")
 
 
@@ -79,6 +82,7 @@ def write_report(
         ],
         media=shown,
         losses=_loss_picture(losses or {}, parsed, folder),
+        sight=_sight_section(losses or {}, folder),
         config_text=config_text,
         run=run,
     )
@@ -161,6 +165,23 @@ def _loss_picture(losses: Mapping[str, Path], results: Results, folder: _Folder)
             f"policies: success goes on rising after the loss is flat.{_damage(curves)}"
         ),
     )
+
+
+def _sight_section(losses: Mapping[str, Path], folder: _Folder) -> SightSection | None:
+    curve = read_sight(losses[PRETRAINING]) if PRETRAINING in losses else None
+    if curve is None:
+        return None
+    ends = ", ".join(f"{name} {values[-1]:.3f}" for name, values in curve.lines.items())
+    picture = Picture(
+        wide=folder.add("sight.svg", sight_curves(curve.epochs, curve.lines, WIDE)),
+        narrow=folder.add("sight-narrow.svg", sight_curves(curve.epochs, curve.lines, NARROW)),
+        alt=f"Errors of the prior on episodes that it never saw: {ends}.",
+        caption=(
+            "On synthetic episodes that no training saw, lower is better. The wider the gap between true "
+            "images and another episode's, the more the prior looks; dashed: what can be had without looking."
+        ),
+    )
+    return SightSection(curve.sentence, curve.caution, picture, list(curve.last.items()))
 
 
 def _damage(curves: Sequence[LossCurve]) -> str:

@@ -5,18 +5,30 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from geoprior.files import read_json, write_json
 from geoprior.report.headline import headline
 from geoprior.report.report import Media, write_report
 from geoprior.shards.reader import EpisodeStore
 from geoprior.study.results import TrialRecord, read_rollouts, summarise
+from geoprior.study.shares import controls_of
 from geoprior.view.sheet import store_sheet, write_sheet
+
+if TYPE_CHECKING:
+    from geoprior.training.config import ConditionConfig
 
 
 def report_run(
-    *, seed: int, synthetic: Path, demos: Path, checkpoints: Path, run: Path, results: Path, out: Path
+    *,
+    seed: int,
+    synthetic: Path,
+    demos: Path,
+    checkpoints: Path,
+    run: Path,
+    results: Path,
+    out: Path,
+    conditions: Mapping[str, ConditionConfig] | None = None,
 ) -> Mapping[str, Any]:
     """Write ``results.json`` and the page.
 
@@ -28,6 +40,7 @@ def report_run(
         run: The run folder, with ``rollouts.jsonl``, ``config.yaml``, ``run.json`` and the films.
         results: Where the results go.
         out: The report's folder.
+        conditions: How each condition began, which says what it tells of the prior's gain.
 
     Returns:
         The headline.
@@ -36,7 +49,7 @@ def report_run(
         DataError: What another stage wrote is missing or damaged.
     """
     trials = read_rollouts(run / "rollouts.jsonl")
-    found = summarise(trials, seed=seed)
+    found = summarise(trials, seed=seed, controls=controls_of(conditions or {}))
     tree = found.model_dump(mode="json")
     write_json(results, tree)
     with TemporaryDirectory() as sheets:

@@ -37,12 +37,13 @@ class EndlessSource:
     Args:
         config: Of the source.
         context: Of the run; nothing is read from its folder.
+        quiet: Say nothing while the first epoch is staged.
 
     Raises:
         GeopriorError: An episode of the first epoch cannot be staged, or a worker died.
     """
 
-    def __init__(self, config: EndlessConfig, context: SourceContext) -> None:
+    def __init__(self, config: EndlessConfig, context: SourceContext, *, quiet: bool = False) -> None:
         generate = context.generate
         self._motions = len(generate.motions)
         episodes = config.episodes or generate.episodes
@@ -53,7 +54,7 @@ class EndlessSource:
         self.digest = _digest(context, self._turnover)
         self._workers = _start(config.workers, context, episodes)
         try:
-            self.poses, self.actions = self._first_epoch()
+            self.poses, self.actions = self._first_epoch(quiet=quiet)
             self.cameras = self._workers[0].ask(Stager.cameras)()
             self._frames = self._workers[0].ask(Stager.frames)()
             self.targets = target_names(self.hands, self.cameras) if generate.targets else ()
@@ -105,14 +106,16 @@ class EndlessSource:
         episodes = [self._turnover.episode(number) for number in numbers.tolist()]
         return self._workers[worker].ask(Stager.moments, slots, episodes, steps)
 
-    def _first_epoch(self) -> tuple[Sequence[NDArray[np.float32]], Sequence[NDArray[np.float32]]]:
+    def _first_epoch(
+        self, *, quiet: bool
+    ) -> tuple[Sequence[NDArray[np.float32]], Sequence[NDArray[np.float32]]]:
         """Poses and actions by slot; the workers keep what they stage for it."""
         found: dict[int, tuple[NDArray[np.float32], NDArray[np.float32]]] = {}
         asked = [
             (slots, self._workers[worker].ask(Stager.trajectories, slots, slots))
             for worker, slots in self._portions()
         ]
-        with track("first epoch", len(self), "episodes") as progress:
+        with track("first epoch", len(self), "episodes", quiet=quiet) as progress:
             for slots, wait in asked:
                 found.update(zip(slots, wait(), strict=True))
                 progress.advance(len(slots))

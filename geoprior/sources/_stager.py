@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -157,8 +157,10 @@ def _targets(staged: Sequence[_Staged], times: Sequence[int]) -> NDArray[np.floa
 
 def _bytes_of(shots: Mapping[str, Shot]) -> int:
     """Memory of the arrays, each counted once: the cameras share most."""
-    arrays = [shot.view.transforms_world_to_camera for shot in shots.values()]
+    arrays: list[NDArray[Any]] = [shot.view.transforms_world_to_camera for shot in shots.values()]
     for shot in shots.values():
         for cloud in shot.clouds:
             arrays += [cloud.points, cloud.transforms_cloud_to_world]
+            if cloud.surface is not None:
+                arrays += [cloud.surface.vertices, cloud.surface.faces]
     return sum({id(array): array.nbytes for array in arrays}.values())

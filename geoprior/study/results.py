@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import product
 
 import numpy as np
@@ -12,28 +12,26 @@ from numpy.typing import NDArray
 from geoprior.errors import DataError
 from geoprior.geometry.seeding import generator
 from geoprior.sim.records import TrialRecord
+from geoprior.study.paired import Outcomes, area_table, bounds, difference, rounded
 from geoprior.study.schema import (
-    Bounds,
     CheckpointDifference,
     CheckpointResult,
     Comparison,
     ConditionResult,
-    Difference,
+    Control,
     GroupResult,
     PeakResult,
     Results,
     parse_results,
 )
+from geoprior.study.shares import gain_shares
 from geoprior.study.statistics import (
     BOOTSTRAP_SAMPLES,
     CONFIDENCE,
-    Interval,
     area_under_curve,
-    curve_weights,
     expected_peak,
     find_peak,
     mcnemar_exact,
-    paired_interval,
     rate_interval,
 )
 from geoprior.study.trials import read_rollouts
@@ -42,11 +40,14 @@ __all__ = ["BASELINE", "Results", "TrialRecord", "parse_results", "read_rollouts
 
 BASELINE = "scratch"
 
-Outcomes = dict[int, NDArray[np.bool_]]
-"""By epoch: (training seeds, initial states), both by rising seed."""
 
-
-def summarise(trials: Iterable[TrialRecord], *, seed: int, baseline: str = BASELINE) -> Results:
+def summarise(
+    trials: Iterable[TrialRecord],
+    *,
+    seed: int,
+    baseline: str = BASELINE,
+    controls: Mapping[str, Control] | None = None,
+) -> Results:
     """Everything that ``results.json`` says.
 
     Args:
@@ -54,6 +55,7 @@ def summarise(trials: Iterable[TrialRecord], *, seed: int, baseline: str = BASEL
             seeds at each of its epochs.
         seed: Root seed; names the bootstrap's resamples.
         baseline: The condition that the others are compared with; without it there are no comparisons.
+        controls: What conditions tell of the prior's gain; see `geoprior.study.shares.controls_of`.
 
     Returns:
         A pure function of the set of trials and the seed; times do not enter.
@@ -71,11 +73,13 @@ def summarise(trials: Iterable[TrialRecord], *, seed: int, baseline: str = BASEL
     return Results(
         confidence=CONFIDENCE,
         bootstrap_samples=BOOTSTRAP_SAMPLES,
-        groups=[_group(group, seed, baseline) for group in groups.values()],
+        groups=[_group(group, seed, baseline, controls or {}) for group in groups.values()],
     )
 
 
-def _group(trials: Sequence[TrialRecord], seed: int, baseline: str) -> GroupResult:
+def _group(
+    trials: Sequence[TrialRecord], seed: int, baseline: str, controls: Mapping[str, Control]
+) -> GroupResult:
     robot, task, look = scene = trials[0].scene
     training_seeds = sorted({trial.training_seed for trial in trials})
     state_seeds = sorted({trial.state_seed for trial in trials})
@@ -95,6 +99,7 @@ def _group(trials: Sequence[TrialRecord], seed: int, baseline: str) -> GroupResu
             for name in others
             if (comparison := _compare(name, baseline, outcomes, seed, scene)) is not None
         ],
+        gain_shares=gain_shares(outcomes, baseline, controls, seed=seed, scene=scene),
     )
 
 
@@ -134,8 +139,8 @@ def _condition(
         name=name,
         checkpoints=checkpoints,
         last_checkpoint=checkpoints[-1],
-        area_under_curve=_round(area),
-        peak=PeakResult(epoch=peak.epoch, rate=_round(peak.rate), expected_if_flat=_round(expected)),
+        area_under_curve=rounded(area),
+        peak=PeakResult(epoch=peak.epoch, rate=rounded(peak.rate), expected_if_flat=rounded(expected)),
     )
 
 
@@ -148,8 +153,8 @@ def _checkpoint(
         epoch=epoch,
         trials=len(trials),
         successes=successes,
-        rate=_round(successes / len(trials)),
-        interval=_bounds(rate_interval(outcomes[epoch])),
+        rate=rounded(successes / len(trials)),
+        interval=bounds(rate_interval(outcomes[epoch])),
         successes_by_training_seed={
             str(seed): sum(trial.success for trial in trials if trial.training_seed == seed)
             for seed in training_seeds
@@ -166,14 +171,13 @@ def _compare(
     if not epochs:
         return None
     keys = ("compare", *group, name, baseline)
-    weights = curve_weights(epochs)
-    area_first = np.tensordot(weights, np.stack([first[epoch] for epoch in epochs]), axes=1)
-    area_second = np.tensordot(weights, np.stack([second[epoch] for epoch in epochs]), axes=1)
     return Comparison(
         condition=name,
         baseline=baseline,
         checkpoints=[_at_checkpoint(epoch, first[epoch], second[epoch], seed, keys) for epoch in epochs],
-        area_under_curve=_difference(area_first - area_second, generator(seed, *keys, "area")),
+        area_under_curve=difference(
+            area_table(first, epochs) - area_table(second, epochs), generator(seed, *keys, "area")
+        ),
     )
 
 
@@ -184,7 +188,7 @@ def _at_checkpoint(
     seed: int,
     keys: tuple[str, ...],
 ) -> CheckpointDifference:
-    paired = _difference(first.astype(np.float64) - second, generator(seed, *keys, epoch))
+    paired = difference(first.astype(np.float64) - second, generator(seed, *keys, epoch))
     test = mcnemar_exact(first, second)
     return CheckpointDifference(
         epoch=epoch,
@@ -193,19 +197,5 @@ def _at_checkpoint(
         interval=paired.interval,
         condition_only=test.first_only,
         baseline_only=test.second_only,
-        mcnemar_p=_round(test.p_value),
+        mcnemar_p=rounded(test.p_value),
     )
-
-
-def _difference(table: NDArray[np.float64], rng: np.random.Generator) -> Difference:
-    table = np.clip(table, -1.0, 1.0)
-    return Difference(difference=_round(float(table.mean())), interval=_bounds(paired_interval(table, rng)))
-
-
-def _bounds(interval: Interval) -> Bounds:
-    return Bounds(low=_round(interval.low), high=_round(interval.high))
-
-
-def _round(value: float) -> float:
-    """Nine digits: what differs between processors stays out of ``results.json``."""
-    return round(value, 9) + 0.0

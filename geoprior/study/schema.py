@@ -82,6 +82,34 @@ class Comparison(Options):
     area_under_curve: Difference = Field(description="Of the areas over the shared epochs.")
 
 
+Control = Literal["blind", "statistics", "other"]
+"""What a condition tells of the prior's gain: what a prior without sight has of it, what the prior's
+statistics alone have, or nothing in particular."""
+
+
+class GainShare(Options):
+    """What a condition has of the prior's gain over the baseline."""
+
+    condition: str = Field(description="The condition.")
+    control: Control = Field(
+        description="`blind`: from a prior trained on black images; `statistics`: from random weights with "
+        "the prior's statistics; `other`: any other, the prior among them."
+    )
+    reference: str = Field(description="The condition whose gain is shared out.")
+    baseline: str = Field(description="What both are compared with.")
+    area_under_curve: float = Field(
+        ge=0, le=1, description="Of the condition, over the epochs that all three have."
+    )
+    gain: Difference = Field(description="Of that area over the baseline's.")
+    share: float | None = Field(
+        description="Its gain over the reference's: 1 for the reference, 0 for the baseline; null where the "
+        "reference's gain is not clearly above zero."
+    )
+    interval: Bounds | None = Field(
+        description="Of the share; null where the reference's gain is too uncertain to divide by."
+    )
+
+
 class GroupResult(Options):
     """Everything measured on one robot and task, in one look."""
 
@@ -92,6 +120,10 @@ class GroupResult(Options):
     initial_states: int = Field(ge=1, description="Different initial states met.")
     conditions: list[ConditionResult] = Field(min_length=1, description="The baseline last.")
     comparisons: list[Comparison] = Field(description="Every other condition against the baseline.")
+    gain_shares: list[GainShare] = Field(
+        default=[],
+        description="The prior first; empty where there are no conditions beside prior and baseline.",
+    )
 
 
 class Results(Options):

@@ -135,17 +135,52 @@ def paired_interval(
         ValueError: ``differences`` is not a table, is empty, or leaves [-1, 1].
     """
     table = _difference_table(differences)
-    seeds, states = table.shape
-    padded = np.concatenate([table, np.full((seeds, 1), 0.5), np.full((seeds, 1), -0.5)], axis=1)
-    seed_counts = _resample_counts(seeds, samples, rng)
-    state_counts = _resample_counts(states + 2, samples, rng)
-    means = np.sum((seed_counts @ padded) * state_counts, axis=1) / padded.size
-    of_seeds = padded.mean(axis=1) - padded.mean()
-    means += (_stretch(seeds, confidence) - 1.0) * (seed_counts @ of_seeds) / seeds
+    (means,) = _resampled_means([table], rng, samples, confidence)
     tail = (1.0 - confidence) / 2.0
     low, high = np.quantile(means, [tail, 1.0 - tail])
     mean = float(table.mean())
     return Interval(min(max(float(low), -1.0), mean), max(min(float(high), 1.0), mean))
+
+
+def share_interval(
+    gains: ArrayLike,
+    whole: ArrayLike,
+    rng: np.random.Generator,
+    *,
+    samples: int = BOOTSTRAP_SAMPLES,
+    confidence: float = CONFIDENCE,
+) -> Interval | None:
+    """Bootstrap interval of a ratio of mean gains, such as a control's share of the prior's gain.
+
+    The resamples are `paired_interval`'s, the same trainings and states for both gains: what they share by
+    luck cancels. A resample in which the whole gain is not above zero has no share; it counts as one beyond
+    either end.
+
+    Args:
+        gains: (S, N): by training seed and initial state, in [-1, 1].
+        whole: (S, N): the gain that it is a share of; its mean is above zero.
+        rng: Decides the resamples.
+        samples: Resamples.
+        confidence: Coverage asked for, between 0 and 1.
+
+    Returns:
+        Widened where needed to hold the measured share; None where too many resamples have none.
+
+    Raises:
+        ValueError: The tables differ in shape, are empty or leave [-1, 1], or the whole is not above zero.
+    """
+    part, total = _difference_table(gains), _difference_table(whole)
+    if part.shape != total.shape or total.mean() <= 0.0:
+        raise ValueError("a share needs gains on the same pairs, of a whole that is above zero")
+    above, below = _resampled_means([part, total], rng, samples, confidence)
+    shares = np.divide(above, below, out=np.full(samples, np.inf), where=below > 0.0)
+    tail = (1.0 - confidence) / 2.0
+    high = float(np.quantile(shares, 1.0 - tail, method="higher"))
+    low = float(np.quantile(np.where(below > 0.0, shares, -np.inf), tail, method="lower"))
+    if not (math.isfinite(low) and math.isfinite(high)):
+        return None
+    share = float(part.mean() / total.mean())
+    return Interval(min(low, share), max(high, share))
 
 
 def mcnemar_exact(first: ArrayLike, second: ArrayLike) -> McNemar:
@@ -229,6 +264,23 @@ def _difference_table(differences: ArrayLike) -> NDArray[np.float64]:
     if not np.all(np.abs(table) <= 1.0):
         raise ValueError("differences of success must lie in [-1, 1]")
     return table
+
+
+def _resampled_means(
+    tables: Sequence[NDArray[np.float64]], rng: np.random.Generator, samples: int, confidence: float
+) -> list[NDArray[np.float64]]:
+    """(samples,) means of each table of one shape, over the same draws; see `paired_interval`."""
+    seeds, states = tables[0].shape
+    seed_counts = _resample_counts(seeds, samples, rng)
+    state_counts = _resample_counts(states + 2, samples, rng)
+    found = []
+    for table in tables:
+        padded = np.concatenate([table, np.full((seeds, 1), 0.5), np.full((seeds, 1), -0.5)], axis=1)
+        means = np.sum((seed_counts @ padded) * state_counts, axis=1) / padded.size
+        of_seeds = padded.mean(axis=1) - padded.mean()
+        means += (_stretch(seeds, confidence) - 1.0) * (seed_counts @ of_seeds) / seeds
+        found.append(means)
+    return found
 
 
 def _resample_counts(size: int, samples: int, rng: np.random.Generator) -> NDArray[np.float64]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from pathlib import Path
+from typing import ClassVar, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from geoprior.options import Choice, Options
 
@@ -17,7 +18,7 @@ class TrainConfig(Options):
     """
 
     speed_only = frozenset({"loader_workers", "prefetch", "frame_cache_mb", "resume_seconds", "log_every"})
-    later = frozenset({"schedule", "final_rate"})
+    later = frozenset({"schedule", "final_rate", "average"})
 
     epochs: int = Field(
         256, ge=1, le=10_000_000, description="Passes over the episodes, one time step of each."
@@ -49,6 +50,13 @@ class TrainConfig(Options):
     final_rate: float = Field(
         0.0, ge=0.0, le=1.0, description="What `cosine` ends with, as a share of the full learning rate."
     )
+    average: float = Field(
+        0.0,
+        ge=0.0,
+        lt=1.0,
+        description="Checkpoints hold an exponential moving average of the weights, of which each step "
+        "leaves this share (0.995: some 200 steps); 0 saves the weights themselves.",
+    )
     image_noise: float = Field(
         0.05, ge=0.0, le=1.0, description="Standard deviation of Gaussian noise on frames in [0, 1]."
     )
@@ -75,7 +83,13 @@ class TrainConfig(Options):
         default=False,
         description="Train through torch.compile, which takes minutes and a C++ compiler: it pays on GPUs.",
     )
-    threads: int = Field(0, ge=0, le=1024, description="Threads of the arithmetic; 0 takes all usable cores.")
+    threads: int = Field(
+        0,
+        ge=0,
+        le=1024,
+        description="Threads of the arithmetic; 0 takes all usable cores, but 1 where a stage has several "
+        "trainings to do on a CPU: those of one thread run side by side.",
+    )
     loader_workers: int = Field(
         1,
         ge=0,
@@ -114,6 +128,9 @@ class TrainConfig(Options):
 class PretrainConfig(TrainConfig):
     """Training on the geometric data set."""
 
+    later = TrainConfig.later | {"until_vision_gain"}
+    speed_only = TrainConfig.speed_only | {"probe_episodes"}
+
     init: Literal["scratch", "imagenet"] = Field(
         "scratch",
         description="`scratch`: random weights; `imagenet`: a trunk trained on ImageNet, which torchvision "
@@ -122,18 +139,47 @@ class PretrainConfig(TrainConfig):
     epochs: int = Field(
         128, ge=1, le=10_000_000, description="Passes over the episodes, one time step of each."
     )
+    until_vision_gain: float | None = Field(
+        None,
+        gt=0.0,
+        description="End at the first checkpoint whose `vision_gain` is as large, at the latest after "
+        "`epochs`. A `cosine` falls over all `epochs` in any case.",
+    )
     source: Choice = Field(
         default=Choice(name="shards"),
         description="Where the episodes come from: `shards` reads those that were generated, `endless` makes "
         "fresh ones while training.",
     )
+    probe_episodes: int = Field(
+        30,
+        ge=0,
+        le=100_000,
+        description="Fresh episodes of each motion on which it is measured at every checkpoint whether the "
+        "policy looks: `vision_gain` and what it is compared with; 0 does not. Never changes a result.",
+    )
+
+    @field_validator("probe_episodes")
+    @classmethod
+    def _can_be_shuffled(cls, count: int) -> int:
+        if count == 1:
+            raise ValueError("one episode of a motion cannot get another one's images: two at least, or 0")
+        return count
+
+    @model_validator(mode="after")
+    def _may_end_early(self) -> Self:
+        if self.until_vision_gain is not None and self.checkpoint_every is None:
+            raise ValueError("until_vision_gain: it is measured at checkpoints; set checkpoint_every")
+        return self
 
 
 class ConditionConfig(Options):
     """One way to begin fine-tuning."""
 
-    init: Literal["scratch", "prior", "imagenet"] = Field(
+    later: ClassVar[frozenset[str]] = frozenset({"prior"})
+
+    init: Literal["scratch", "prior", "blind-prior", "imagenet"] = Field(
         description="`scratch`: random weights; `prior`: those of the last checkpoint of pretraining; "
+        "`blind-prior`: those of a second pretraining that is the same but for its images, all black; "
         "`imagenet`: a trunk trained on ImageNet, which torchvision fetches, the rest random."
     )
     weights: Literal["all", "trunk"] = Field(
@@ -141,14 +187,42 @@ class ConditionConfig(Options):
     )
     statistics: Literal["pretrained", "new", "merged"] = Field(
         "new",
-        description="Normalisation: of the prior, of the demonstrations, or of all time steps of both.",
+        description="Normalisation: of the prior, of the demonstrations, or of all time steps of both. "
+        "Random weights may have the prior's too: a control that tells what normalisation alone brings.",
     )
+    prior: str | None = Field(
+        None,
+        description="Another run's prior instead of this run's: a checkpoint, a folder of checkpoints or a "
+        "run folder, of which the last checkpoint is taken. A relative path is one from the folder in which "
+        "the command is given; the resolved config has it in full.",
+    )
+
+    @field_validator("prior")
+    @classmethod
+    def _say_in_full(cls, value: str | None) -> str | None:
+        return None if value is None else str(Path(value).expanduser().absolute())
 
     @model_validator(mode="after")
     def _only_a_prior_gives(self) -> Self:
-        if self.init != "prior" and (self.weights != "all" or self.statistics != "new"):
-            raise ValueError(f"init {self.init!r} has no prior to take weights or statistics from")
+        if self.weights != "all" and not self.takes_weights:
+            raise ValueError(f"init {self.init!r} has no prior to take weights from")
+        if self.prior is not None and self.init == "blind-prior":
+            raise ValueError("init 'blind-prior' is this run's own: use init 'prior' to name another run's")
+        if self.prior is not None and not self.takes_from_a_prior:
+            raise ValueError(
+                f"init {self.init!r} with statistics 'new' takes nothing from the prior that is named"
+            )
         return self
+
+    @property
+    def takes_weights(self) -> bool:
+        """Whether it begins from a prior's weights."""
+        return self.init in ("prior", "blind-prior")
+
+    @property
+    def takes_from_a_prior(self) -> bool:
+        """Whether it needs a prior's checkpoint, for its weights or for its statistics."""
+        return self.takes_weights or self.statistics != "new"
 
 
 class FinetuneConfig(TrainConfig):
@@ -176,3 +250,8 @@ class FinetuneConfig(TrainConfig):
         if len(set(self.seeds)) != len(self.seeds) or min(self.seeds) < 0:
             raise ValueError(f"seeds {self.seeds}: each must be at least 0 and occur once")
         return self
+
+    @property
+    def wants_blind_prior(self) -> bool:
+        """Whether a condition begins from a prior that was trained on black images."""
+        return any(condition.init == "blind-prior" for condition in self.conditions.values())

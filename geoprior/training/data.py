@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Generator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from functools import reduce
 from itertools import starmap
 from threading import Lock
 from typing import TYPE_CHECKING
@@ -15,7 +16,14 @@ import torch
 from geoprior.errors import ConfigError
 from geoprior.geometry.seeding import generator
 from geoprior.lanes import stay_alone
-from geoprior.policies.normalise import FeatureStatistics, Normaliser, measure, normalise_images
+from geoprior.policies.normalise import (
+    FeatureStatistics,
+    Normaliser,
+    measure,
+    merge,
+    normalise_images,
+    origins,
+)
 from geoprior.policies.policy import Batch, Features
 from geoprior.policies.predictor import stack_cameras
 from geoprior.policies.targets import scale_targets
@@ -26,6 +34,7 @@ from geoprior.training.order import SampleOrder
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from geoprior.policies.policy import ActionKind
     from geoprior.sources.source import Moments, Source
     from geoprior.training.config import TrainConfig
 
@@ -36,13 +45,39 @@ def features_of(source: Source, chunk: int, *, targets: bool = False) -> Feature
     return Features(source.cameras, source.image_size, source.hands, chunk, names)
 
 
-def statistics_of(source: Source, slots: Sequence[int] | None = None) -> dict[str, FeatureStatistics]:
-    """Over all time steps of the first epoch's episodes, or of those in some slots."""
+def statistics_of(
+    source: Source,
+    slots: Sequence[int] | None = None,
+    *,
+    actions: ActionKind = "absolute",
+    chunk: int = 1,
+    skip: int = 1,
+) -> dict[str, FeatureStatistics]:
+    """Over all time steps of the first epoch's episodes, or of those in some slots.
+
+    Args:
+        source: Of the episodes.
+        slots: Those that count; all by default.
+        actions: `absolute` ones count once each; `relative` ones once in every chunk that they are part of.
+        chunk: Actions of a chunk.
+        skip: Steps from one to the next.
+    """
     chosen = range(len(source)) if slots is None else slots
-    return {
-        "pose": measure([source.poses[slot] for slot in chosen]),
-        "action": measure([source.actions[slot] for slot in chosen]),
-    }
+    pose = measure([source.poses[slot] for slot in chosen])
+    if actions == "absolute":
+        return {"pose": pose, "action": measure([source.actions[slot] for slot in chosen])}
+    rows = (_relative_rows(source.poses[slot], source.actions[slot], chunk, skip) for slot in chosen)
+    return {"pose": pose} | reduce(merge, ({"action": measure([of_episode])} for of_episode in rows))
+
+
+def _relative_rows(
+    poses: NDArray[np.float32], actions: NDArray[np.float32], chunk: int, skip: int
+) -> NDArray[np.float32]:
+    """(rows, pose_size): the valid actions of the chunks of all time steps, relative ones."""
+    lengths = np.full(len(poses), len(poses))
+    steps, valid = chunk_steps(np.arange(len(poses)), lengths, chunk, skip)
+    relative = actions[steps[:, 1:]] - origins(poses, "relative")
+    return np.asarray(relative[valid], np.float32)
 
 
 def split_slots(count: int, share: float, seed: int) -> tuple[list[int], list[int]]:
@@ -162,7 +197,7 @@ def make_batch(
     batch: Batch = {
         "pose": torch.from_numpy(normaliser.normalise("pose", moments.pose)),
         "images": normalise_images(frames),
-        "action": torch.from_numpy(normaliser.normalise("action", moments.action[:, 1:])),
+        "action": torch.from_numpy(normaliser.normalise_actions(moments.pose, moments.action[:, 1:])),
         "valid": torch.from_numpy(valid),
     }
     if targets and moments.targets is not None:

@@ -2,12 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
     from torch import nn
 
+    from geoprior.policies.normalise import Statistics
+    from geoprior.policies.policy import Features
+    from geoprior.sources.source import Source
     from geoprior.training.machine import Machine
+
+
+VISION_GAIN = "vision_gain"
+"""What a judge names the gain of seeing the right images, in normalised L1."""
+
+
+def has_vision_gain(wanted: float, judged: Mapping[str, float]) -> bool:
+    """Whether the gain is as large as wanted; never where no judge measures it."""
+    return judged.get(VISION_GAIN, 0.0) >= wanted
 
 
 class Judge(Protocol):
@@ -25,3 +39,26 @@ class Judge(Protocol):
             machine: Precision and device.
         """
         ...
+
+
+@dataclass(frozen=True)
+class Taught:
+    """What a training learns from, for judges that compare with it.
+
+    Attributes:
+        source: Its episodes.
+        slots: Those that it is trained on.
+        features: Of the policy.
+        statistics: Of its normalisation.
+        skip: Steps of the episodes in one of the policy's.
+    """
+
+    source: Source
+    slots: Sequence[int]
+    features: Features
+    statistics: Statistics
+    skip: int
+
+
+JudgeMaker = Callable[[Taught], Judge]
+"""Makes a judge of one training."""

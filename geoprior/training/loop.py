@@ -25,6 +25,7 @@ from geoprior.policies.checkpoint import (
     save_checkpoint,
 )
 from geoprior.progress import Track, track
+from geoprior.training.average import WeightAverage
 from geoprior.training.compiling import compile_loss
 from geoprior.training.machine import arithmetic
 from geoprior.training.optimise import make_optimizer, remedy, take_step
@@ -32,6 +33,7 @@ from geoprior.training.order import steps_until
 from geoprior.training.resume import (
     RESUME_NAME,
     Progress,
+    load_average,
     load_progress,
     require_same_training,
     save_progress,
@@ -72,6 +74,8 @@ class Training:
         fingerprint: Of all that decides the weights at the end.
         team: The processes that take part.
         judges: What it is judged by at every checkpoint, one after the other.
+        is_enough: Whether the training may end at a checkpoint for what its judges say there.
+        quiet: Whether it shows no progress of its own.
     """
 
     run: str
@@ -86,6 +90,8 @@ class Training:
     fingerprint: str
     team: Team = field(default_factory=Team)
     judges: Sequence[Judge] = ()
+    is_enough: Callable[[Mapping[str, float]], bool] | None = None
+    quiet: bool = False
 
     @cached_property
     def loss(self) -> Callable[[Batch], tuple[Tensor, Mapping[str, Tensor]]]:
@@ -133,7 +139,7 @@ def _finished(training: Training) -> dict[str, Any] | None:
     result: dict[str, Any] = read_json(path)
     require_same_training(path, result.get("fingerprint"), training.fingerprint)
     (training.folder / RESUME_NAME).unlink(missing_ok=True)
-    if _has_checkpoints(training, training.steps):
+    if _has_checkpoints(training, int(result["steps"])):
         return result
     path.unlink()
     return None
@@ -155,7 +161,8 @@ def _has_checkpoints(training: Training, step: int) -> bool:
 
 def _shown(training: Training, done: int) -> AbstractContextManager[Track]:
     total = training.steps * training.config.batch_size
-    return track(training.run, total, "samples", done, quiet=not training.team.leads)
+    quiet = training.quiet or not training.team.leads
+    return track(training.run, total, "samples", done, quiet=quiet)
 
 
 def _sweep(folder: Path) -> None:
@@ -171,6 +178,8 @@ def _run(training: Training) -> dict[str, Any]:
     progress = load_progress(training.folder, training.fingerprint, policy, optimizer) or Progress(0, 0.0, {})
     _require_same_start(training, progress.step)
     optimizer.refresh()
+    average = _begin_average(training, progress.step)
+    lasting = average.policy if average else policy
     saved = time.monotonic()
     begun = saved - progress.seconds
     due = _checkpoint_steps(training)
@@ -181,6 +190,8 @@ def _run(training: Training) -> dict[str, Any]:
         _shown(training, progress.step * batch_size) as shown,
     ):
         while progress.step < training.steps:
+            if progress.step in due and _is_enough(training, lasting, judged):
+                break
             mine = {part: next(batches) for part in parts}
             metrics = take_step(training, optimizer, progress.step, mine)
             averages = _average(progress.averages, metrics, progress.step)
@@ -191,21 +202,23 @@ def _run(training: Training) -> dict[str, Any]:
             )
             if not training.team.leads:
                 continue
-            judged = _judge(training) if progress.step in due else {}
+            if average:
+                average.update(policy, progress.step)
+            judged = _judge(training, lasting) if progress.step in due else {}
             _log(training, progress.step, {**metrics, **judged}, always=bool(judged))
             for epoch in due.get(progress.step, ()):
-                _save_weights(training, epoch, progress.step)
+                _save_weights(training, lasting, epoch, progress.step)
             if progress.step in due or now - saved >= config.resume_seconds:
                 _require_finite_weights(training, progress.step)
-                save_progress(training.folder, training.fingerprint, progress, policy, optimizer)
+                save_progress(training.folder, training.fingerprint, progress, policy, optimizer, average)
                 saved = time.monotonic()
     return {
         "fingerprint": training.fingerprint,
-        "epochs": config.epochs,
+        "epochs": max(chain(*(epochs for at, epochs in due.items() if at <= progress.step))),
         "steps": progress.step,
         "samples": progress.step * batch_size,
         "seconds": round(progress.seconds, 3),
-        "metrics": finite({**progress.averages, **(_judge(training) if judged is None else judged)}),
+        "metrics": finite({**progress.averages, **(_judge(training, lasting) if judged is None else judged)}),
     }
 
 
@@ -219,13 +232,31 @@ def _require_same_start(training: Training, step: int) -> None:
         )
 
 
-def _judge(training: Training) -> dict[str, float]:
+def _begin_average(training: Training, step: int) -> WeightAverage | None:
+    """The leader's average of the weights, from where the folder says that an earlier process got."""
+    if not training.config.average or not training.team.leads:
+        return None
+    average = WeightAverage(training.policy, training.config.average, step)
+    load_average(training.folder, average.policy)
+    return average
+
+
+def _judge(training: Training, policy: nn.Module) -> dict[str, float]:
     if not training.team.leads:
         return {}
     measured: dict[str, float] = {}
     for judge in training.judges:
-        measured |= judge.measure(training.policy, training.machine)
+        measured |= judge.measure(policy, training.machine)
     return measured
+
+
+def _is_enough(training: Training, policy: nn.Module, judged: Mapping[str, float] | None) -> bool:
+    """The same in all processes; a training that was resumed at a checkpoint is judged again."""
+    enough = training.is_enough
+    if enough is None:
+        return False
+    said: bool = training.team.agree(lambda: enough(_judge(training, policy) if judged is None else judged))
+    return said
 
 
 def _average(averages: Mapping[str, float], metrics: Mapping[str, float], step: int) -> dict[str, float]:
@@ -248,10 +279,10 @@ def _checkpoint_steps(training: Training) -> dict[int, list[int]]:
     return due
 
 
-def _save_weights(training: Training, epoch: int, step: int) -> None:
+def _save_weights(training: Training, policy: nn.Module, epoch: int, step: int) -> None:
     _require_finite_weights(training, step)
     header = replace(training.header, epoch=epoch, step=step)
-    save_checkpoint(checkpoint_path(training.folder, epoch), lasting_tensors(training.policy), header)
+    save_checkpoint(checkpoint_path(training.folder, epoch), lasting_tensors(policy), header)
 
 
 def _require_finite_weights(training: Training, step: int) -> None:

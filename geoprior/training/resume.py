@@ -18,8 +18,11 @@ if TYPE_CHECKING:
 
     from torch import Tensor, nn
 
+    from geoprior.training.average import WeightAverage
+
 RESUME_NAME = "resume.safetensors"
 _FORMAT = "geoprior-resume-1"
+_AVERAGE = "average."
 _START_OVER = "remove that folder and run the same command again to train from the start"
 
 
@@ -39,9 +42,14 @@ class Progress:
 
 
 def save_progress(
-    folder: Path, fingerprint: str, progress: Progress, policy: nn.Module, optimizer: torch.optim.Optimizer
+    folder: Path,
+    fingerprint: str,
+    progress: Progress,
+    policy: nn.Module,
+    optimizer: torch.optim.Optimizer,
+    average: WeightAverage | None = None,
 ) -> None:
-    """Write weights, optimiser state and progress.
+    """Write weights, their average if there is one, optimiser state and progress.
 
     Raises:
         DataError: The folder cannot be written.
@@ -50,6 +58,8 @@ def save_progress(
     for name, parameter in policy.named_parameters():
         for key, value in optimizer.state.get(parameter, {}).items():
             tensors[f"optimizer.{name}.{key}"] = value
+    if average:
+        tensors |= {f"{_AVERAGE}{name}": tensor for name, tensor in average.policy.state_dict().items()}
     state = {
         "fingerprint": fingerprint,
         "step": progress.step,
@@ -82,6 +92,17 @@ def load_progress(
         if saved:
             optimizer.state[parameter] = {key: _laid_out(value, parameter) for key, value in saved.items()}
     return Progress(int(state["step"]), float(state["seconds"]), state["averages"])
+
+
+def load_average(folder: Path, policy: nn.Module) -> None:
+    """Restore the average that `save_progress` wrote, in place, where a state was saved.
+
+    Raises:
+        DataError: The file is damaged.
+    """
+    path = folder / RESUME_NAME
+    if path.exists():
+        fill(policy, _below(_AVERAGE, load_tensors(path)), path)
 
 
 def saved_step(folder: Path) -> int | None:

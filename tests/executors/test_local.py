@@ -1,6 +1,7 @@
 import multiprocessing
 import os
 import signal
+import threading
 import time
 
 import pytest
@@ -23,6 +24,12 @@ def die_at_three(number):
     if number == 3:
         os.kill(os.getpid(), signal.SIGKILL)
     return number
+
+
+def fail_at_three_or_take_an_hour(number):
+    if number != 3:
+        time.sleep(3600)
+    return fail_at_three(number)
 
 
 def threads_of_libraries(_):
@@ -69,4 +76,29 @@ def test_stopping_early_leaves_no_workers():
     results = LocalExecutor(LocalConfig(workers=2)).run(square, list(range(50)))
     next(results)
     results.close()
+    assert multiprocessing.active_children() == []
+
+
+def test_an_error_does_not_wait_for_what_else_is_being_done():
+    began = time.monotonic()
+    with pytest.raises(DataError, match="three is damaged"):
+        list(LocalExecutor(LocalConfig(workers=2)).run(fail_at_three_or_take_an_hour, [1, 3]))
+    assert time.monotonic() - began < 60
+    assert multiprocessing.active_children() == []
+
+
+def test_ctrl_c_does_not_wait_for_what_is_being_done():
+    def press():
+        time.sleep(2.0)
+        signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)
+
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    began = time.monotonic()
+    threading.Thread(target=press).start()
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            list(LocalExecutor(LocalConfig(workers=2)).run(fail_at_three_or_take_an_hour, [1, 2]))
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert time.monotonic() - began < 60
     assert multiprocessing.active_children() == []

@@ -15,7 +15,7 @@ from geoprior.policies.checkpoint import list_checkpoints, load_checkpoint, load
 from geoprior.policies.policy import Features
 from geoprior.policies.targets import FARTHEST, UNIT, scale_targets
 from geoprior.sources.shards import ShardSource
-from geoprior.training.config import ConditionConfig, PretrainConfig
+from geoprior.training.config import ConditionConfig, PretrainConfig, TrainConfig
 from geoprior.training.loop import fit
 from geoprior.training.machine import Machine
 from geoprior.training.resume import RESUME_NAME
@@ -186,7 +186,7 @@ def test_a_fine_tuning_without_targets_begins_from_such_a_prior(store, tmp_path)
     trained(store, tmp_path / "prior", choice)
     prior = list_checkpoints(tmp_path / "prior")[-1].path
     job = Job("finetune", 0, ConditionConfig(init="prior"), prior, tmp_path / "tuned")
-    config = PretrainConfig(epochs=2, batch_size=4, threads=1, precision="fp32", log_every=1)
+    config = TrainConfig(epochs=2, batch_size=4, threads=1, precision="fp32", log_every=1)
     train(config, job, choice, ShardSource(FakeStore(store.episodes)), Machine("cpu", "fp32", 1))
     line = json.loads((tmp_path / "tuned" / "log.jsonl").read_text().splitlines()[0])
     assert "target_l1" not in line

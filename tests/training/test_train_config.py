@@ -31,10 +31,37 @@ def test_faults_are_named(options, message):
         FinetuneConfig(**options)
 
 
-@pytest.mark.parametrize("options", [{"weights": "trunk"}, {"statistics": "merged"}])
-def test_scratch_has_nothing_to_take(options):
-    with pytest.raises(ValidationError, match="no prior to take"):
-        ConditionConfig(init="scratch", **options)
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"init": "scratch", "weights": "trunk"}, "no prior to take weights from"),
+        ({"init": "imagenet", "weights": "trunk", "statistics": "merged"}, "no prior to take weights from"),
+        ({"init": "scratch", "prior": "runs/one"}, "takes nothing from the prior that is named"),
+        ({"init": "blind-prior", "prior": "runs/one"}, "this run's own"),
+    ],
+)
+def test_what_a_condition_cannot_take(options, message):
+    with pytest.raises(ValidationError, match=message):
+        ConditionConfig(**options)
+
+
+def test_what_a_condition_takes():
+    def takes(**options):
+        condition = ConditionConfig(**options)
+        return condition.takes_weights, condition.takes_from_a_prior
+
+    assert takes(init="scratch") == takes(init="imagenet") == (False, False)
+    assert takes(init="scratch", statistics="pretrained") == (False, True)
+    assert takes(init="prior") == takes(init="blind-prior", weights="trunk") == (True, True)
+
+
+def test_a_path_is_said_in_full(tmp_path, monkeypatch):
+    """So that a run that is resumed from elsewhere finds it."""
+    monkeypatch.chdir(tmp_path)
+    condition = ConditionConfig(init="prior", prior="runs/one")
+    assert condition.prior == str(tmp_path / "runs" / "one")
+    monkeypatch.chdir("/")
+    assert ConditionConfig.model_validate(condition.model_dump()) == condition
 
 
 def test_every_field_is_described():

@@ -97,12 +97,16 @@ def test_the_caller_keeps_threads_and_random_state(fake_store, tmp_path):
 
 @pytest.mark.parametrize("resume_seconds", [0.0, 3600.0])
 @pytest.mark.parametrize("step", [1, 5, 7, 14])
-def test_an_interrupted_training_ends_alike(fake_store, tmp_path, interrupt_at, step, resume_seconds):
+@pytest.mark.parametrize("average", [0.0, 0.9])
+def test_an_interrupted_training_ends_alike(
+    fake_store, tmp_path, interrupt_at, step, resume_seconds, average
+):
     options = {
         "checkpoint_every": 3,
         "resume_seconds": resume_seconds,
         "warmup_steps": 9,
         "gradient_clip": 0.5,
+        "average": average,
     }
     fit(make_training(fake_store, tmp_path / "whole", **options))
     interrupt = interrupt_at(step)

@@ -15,7 +15,7 @@ from geoprior.policies.act._transformer import Decoder, Encoder
 from geoprior.policies.fused._passes import arithmetic_of
 from geoprior.policies.fused.kept import Kept, State, state_of
 from geoprior.policies.fused.packed import is_packable
-from geoprior.policies.trunk import STRIDE, ResNet18
+from geoprior.policies.trunk import STRIDE, ResNet18, camera_features
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -107,6 +107,10 @@ class ActNetwork(nn.Module):
         with torch.autocast("cpu", enabled=False):
             packed = self._kept.get((state, size, dtype), lambda: PackedAct(self, size, dtype))
             return packed(pose, images)
+
+    def trunk_features(self, images: Tensor) -> Tensor:
+        """(B, cameras, F) float32 of frames (B, cameras, 3, H, W); see `geoprior.policies.policy.Policy`."""
+        return camera_features(self.trunk, images)
 
     def position(self, cameras: int) -> Tensor:
         """(tokens, dim): of the style, of the pose, and of every camera's image tokens."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -53,6 +53,10 @@ class CanWorld(VesselWorld):
         """(3,) middle of the can's foot in the workspace frame, metres."""
         position: FloatArray = self.transform_object_to_workspace(self.can)[:3, 3]
         return position
+
+    def aim_points(self) -> Mapping[str, FloatArray]:
+        """The can; see `geoprior.sim.worlds.tabletop.Tabletop.aim_points`."""
+        return {"object": self.can_position()}
 
     def can_clearance(self) -> float:
         """Height of the can's lowest point over the table, metres: of a rim, whichever way the can leans."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -44,6 +44,10 @@ class CubeWorld(Tabletop):
         """(3,) centre of the cube in the workspace frame, metres."""
         position: FloatArray = self.transform_object_to_workspace(self.cube)[:3, 3]
         return position
+
+    def aim_points(self) -> Mapping[str, FloatArray]:
+        """The cube's centre; see `Tabletop.aim_points`."""
+        return {"object": self.cube_position()}
 
     def cube_yaw(self) -> float:
         """Radians about the vertical, of a cube that lies flat."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -50,6 +50,10 @@ class PileWorld(VesselWorld):
         bottle, can = draw_two_places(rng, MIDDLE, self.config)
         self.put(self.bottle, np.array([*bottle, 0.0]))
         self.put(self.can, np.array([*can, 0.0]))
+
+    def aim_points(self) -> Mapping[str, FloatArray]:
+        """The bottle; see `geoprior.sim.worlds.tabletop.Tabletop.aim_points`."""
+        return {"object": self.transform_object_to_workspace(self.bottle)[:3, 3]}
 
     def bottle_over_can(self) -> FloatArray:
         """(3,) from the middle of the can's top to that of the bottle's foot, workspace axes, metres."""

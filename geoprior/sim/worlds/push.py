@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,12 +12,16 @@ from geoprior.sim.worlds.goal import GoalWorld
 from robosuite.models.objects import CylinderObject  # isort: skip - after the backend is chosen
 
 if TYPE_CHECKING:
+    from geoprior.geometry.se3 import FloatArray
     from geoprior.sim.tasks.push import PushConfig
 
 CUBE_FRICTION = 0.4
 AREA_COLOUR = (0.10, 0.55, 0.20, 1.0)
 AREA_HEIGHT = 0.0005
 """Half of the disc's thickness, metres. It is there to be seen; nothing collides with it."""
+CONTACT_DISTANCE = 0.05
+"""Metres from the cube's centre to a closed hand behind it, about to touch it: half of the cube's diagonal,
+half of the fingers, and a centimetre."""
 
 
 class PushWorld(GoalWorld):
@@ -44,6 +49,14 @@ class PushWorld(GoalWorld):
             joints=None,
             obj_type="visual",
         )
+
+    def aim_points(self) -> Mapping[str, FloatArray]:
+        """The cube's centre, and the point behind it from which a straight push leads to the area."""
+        cube = self.cube_position()
+        away = cube - self.transform_goal_to_workspace()[:3, 3]
+        away[2] = 0.0
+        behind = cube + CONTACT_DISTANCE * away / max(float(np.linalg.norm(away)), 1e-9)
+        return {**super().aim_points(), "contact": behind}
 
     def succeeded(self) -> bool:
         """The cube's centre is over the area, and the cube is at rest."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import mujoco
@@ -127,6 +127,14 @@ class Tabletop(ManipulationEnv):  # type: ignore[misc]  # robosuite has no types
     def failure(self) -> str:
         """Why the goal can no longer be reached, or an empty string."""
         return ""
+
+    def aim_points(self) -> Mapping[str, FloatArray]:
+        """Where a policy's hand should go, by name: (3,) each, workspace frame, metres.
+
+        ``object`` is what the hand has to reach first, ``contact`` where it has to be to push it; a task may
+        have no such point. `geoprior probe` compares predicted chunks with them.
+        """
+        return {}
 
     # Frames -----------------------------------------------------------------------------------------
 
