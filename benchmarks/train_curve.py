@@ -86,7 +86,7 @@ def prepare(work: Path) -> None:
     if (work / HELD_OUT).exists():
         return
     size = ("--set", "cameras.height=96", "--set", "cameras.width=96", "--set", f"seed={SEED}")
-    command = [sys.executable, "-m", "geoprior", "generate", "quickstart", "--out", str(work / "data"), *size]
+    command = [sys.executable, "-m", "geoprior", "generate", "lite", "--out", str(work / "data"), *size]
     subprocess.run(command, check=True)
     source = ShardSource(EpisodeStore(work / "data" / "shards" / "synthetic"), 2**28)
     kept, aside = split_slots(len(source), 0.1, SEED)

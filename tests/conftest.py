@@ -34,7 +34,7 @@ def run_python():
 
 
 TINY = """
-extends: quickstart
+extends: lite
 cameras: {height: 32, width: 32}
 executor: {name: local, workers: 2}
 generate: {episodes: 4, seconds: 2, episodes_per_shard: 2}

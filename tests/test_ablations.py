@@ -100,14 +100,14 @@ def test_each_data_set_has_the_papers_600_episodes(name):
 
 
 @pytest.mark.parametrize("name", CHANGES)
-def test_the_command_in_the_comment_makes_the_same_change_to_the_quickstart(name):
+def test_the_command_in_the_comment_makes_the_same_change_to_lite(name):
     path = find_config(f"ablations/{name}")
     lines = [line.removeprefix("#   ") for line in path.read_text().splitlines() if line.startswith("#   ")]
     (command,) = lines
     words = shlex.split(command)
-    assert words[:3] == ["geoprior", "run", "quickstart"]
+    assert words[:3] == ["geoprior", "run", "lite"]
     overrides = [after for word, after in itertools.pairwise(words) if word == "--set"]
-    changed, base = load("quickstart", *overrides), load("quickstart")
+    changed, base = load("lite", *overrides), load("lite")
     assert changes(base, changed) == CHANGES[name]
     preset = load(f"ablations/{name}")
     for field in ("variants", "motions", "primitives", "episodes"):
@@ -120,8 +120,8 @@ def test_another_config_can_be_changed_by_the_keys_of_a_preset(name, tmp_path):
     own = dict(read_tree(find_config(f"ablations/{name}"))["generate"])
     keys = {key.removeprefix("generate.") for key in CHANGES[name]}
     mine = tmp_path / "mine.yaml"
-    mine.write_text(f"extends: quickstart\ngenerate: { {key: own[key] for key in keys} }\n")
-    assert changes(load("quickstart"), load(mine)) == CHANGES[name]
+    mine.write_text(f"extends: lite\ngenerate: { {key: own[key] for key in keys} }\n")
+    assert changes(load("lite"), load(mine)) == CHANGES[name]
     mine.write_text(f"extends: ablations/{name}\nseed: 5\n")
     assert changes(load(f"ablations/{name}"), load(mine)) == {"seed"}
 

@@ -51,7 +51,7 @@ def digest(folder):
     ],
 )
 def test_a_wrong_config_ends_with_2_and_makes_no_folder(tmp_path, override, parts):
-    done = geoprior("run", "quickstart", "--out", tmp_path / "run", "--set", override)
+    done = geoprior("run", "lite", "--out", tmp_path / "run", "--set", override)
     assert_sentence(done, 2, "hint: ", *parts)
     assert not (tmp_path / "run").exists()
 
@@ -128,7 +128,7 @@ def test_no_gl_ends_with_5_and_the_apt_line(tmp_path):
 def test_what_renders_nothing_needs_no_gl(tmp_path):
     """A machine that trains alone may have none."""
     small = [word for key in ("episodes=1", "seconds=1") for word in ("--set", f"generate.{key}")]
-    done = geoprior("generate", "quickstart", "--out", tmp_path / "run", *small, MUJOCO_GL="glfw")
+    done = geoprior("generate", "lite", "--out", tmp_path / "run", *small, MUJOCO_GL="glfw")
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "run/shards/synthetic/manifest.json").exists()
 

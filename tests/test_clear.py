@@ -27,7 +27,7 @@ def run(tmp_path):
         path = tmp_path / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text("old")
-    return RunFolder(tmp_path, load_config("quickstart", (), plugins()))
+    return RunFolder(tmp_path, load_config("lite", (), plugins()))
 
 
 def test_record_and_outputs_go_and_nothing_else(run):

@@ -59,7 +59,7 @@ def test_a_resolved_config_reads_back_as_itself(name, tmp_path):
 
 
 def test_resolving_writes_out_every_option_of_every_plug_in():
-    config = load("quickstart")
+    config = load("lite")
     for primitive in config.generate.primitives:
         model = plugins().spec("primitive", primitive.name).config
         assert set(primitive.options) == set(model.model_fields)
@@ -147,16 +147,16 @@ def test_set_reaches_plain_keys_list_items_and_plug_in_options():
 
 
 def test_overrides_are_applied_in_turn_so_that_a_new_plug_ins_options_can_be_set():
-    config = load("quickstart", "robot=kinova3", "robot.controller=exact", "task=pile", "task.gap=0.16")
+    config = load("lite", "robot=kinova3", "robot.controller=exact", "task=pile", "task.gap=0.16")
     assert config.robot.options["controller"] == "exact"
     assert config.task.name == "pile"
     assert config.task.options["gap"] == 0.16
-    assert load("quickstart", "task=pile").task.options | {"gap": 0.16} == config.task.options
+    assert load("lite", "task=pile").task.options | {"gap": 0.16} == config.task.options
 
 
 def test_set_adds_a_condition_since_its_name_is_the_users():
-    base = load("quickstart").finetune.conditions
-    config = load("quickstart", "finetune.conditions.trunk={init: prior, weights: trunk}")
+    base = load("lite").finetune.conditions
+    config = load("lite", "finetune.conditions.trunk={init: prior, weights: trunk}")
     assert config.finetune.conditions.keys() == {*base, "trunk"}
     assert config.finetune.conditions["trunk"].weights == "trunk"
     assert {name: config.finetune.conditions[name] for name in base} == base
@@ -182,7 +182,7 @@ def test_set_adds_a_condition_since_its_name_is_the_users():
 )
 def test_set_cannot_invent_keys_or_values(override, message):
     with pytest.raises(ConfigError) as caught:
-        load("quickstart", override)
+        load("lite", override)
     assert message in caught.value.message
 
 
@@ -215,7 +215,7 @@ def test_the_schema_allows_both_forms_of_a_name():
 
 
 def test_built_in_names_need_no_package():
-    assert plugins_named(load("quickstart").model_dump(mode="json"), plugins()) == {}
+    assert plugins_named(load("lite").model_dump(mode="json"), plugins()) == {}
 
 
 def test_a_path_wins_over_a_packaged_name(tmp_path, monkeypatch):

@@ -13,7 +13,7 @@ PRETRAIN = next(stage for stage in STAGES if stage.name == "pretrain")
 
 
 def load(*overrides):
-    return load_config("quickstart", overrides, plugins())
+    return load_config("lite", overrides, plugins())
 
 
 def taking(path):
@@ -63,7 +63,7 @@ def test_the_controls_are_the_quickstart_and_two_conditions():
 
 
 def test_a_prior_that_is_missing_is_said_before_anything_is_made(tmp_path):
-    done = geoprior("", "run", "quickstart", "--out", tmp_path / "run", "--set", taking(tmp_path / "no"))
+    done = geoprior("", "run", "lite", "--out", tmp_path / "run", "--set", taking(tmp_path / "no"))
     assert done.returncode == 4
     assert f"finetune.conditions.prior.prior: {tmp_path}/no: no such file or folder" in done.stderr
     assert "Traceback" not in done.stderr

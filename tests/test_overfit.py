@@ -23,7 +23,7 @@ STEPS, BATCH = 500, 16
 @pytest.mark.slow
 @pytest.mark.parametrize("ensembling", [0.01, None])
 def test_one_demonstration_learned_by_heart_succeeds_from_its_own_state(tmp_path, ensembling):
-    config = load_config("quickstart", (), plugins())
+    config = load_config("lite", (), plugins())
     scene = {"robot": config.robot, "task": config.task, "cameras": config.cameras, "seed": 5}
     demos = DemosConfig(episodes=1, first_state=STATE)
     collect(demos, **scene, executor=SerialExecutor(), out=tmp_path / "demos")

@@ -64,7 +64,7 @@ def test_it_is_listed_with_its_package_version_and_hooks(site):
 
 
 def test_a_config_that_names_it_gets_it_and_the_run_says_where_it_came_from(site, tmp_path):
-    done = geoprior(site, "generate", "quickstart", "--out", tmp_path / "run", *TORUS)
+    done = geoprior(site, "generate", "lite", "--out", tmp_path / "run", *TORUS)
     assert done.returncode == 0, done.stderr
     info = json.loads(geoprior(site, "shards", "info", tmp_path / "run/shards/synthetic", "--json").stdout)
     assert info["episodes"] == 6
@@ -77,7 +77,7 @@ def test_installing_it_changes_no_data_of_a_config_that_does_not_name_it(site, t
     small = [word.replace("torus", "sphere") for word in TORUS]
     manifests = []
     for name, path in (("without", ""), ("with", site)):
-        done = geoprior(path, "generate", "quickstart", "--out", tmp_path / name, *small)
+        done = geoprior(path, "generate", "lite", "--out", tmp_path / name, *small)
         assert done.returncode == 0, done.stderr
         manifests.append((tmp_path / name / "shards/synthetic/manifest.json").read_bytes())
     assert manifests[0] == manifests[1]
@@ -102,7 +102,7 @@ def test_an_arm_of_robosuite_is_a_module_of_a_few_lines(site_with, tmp_path):
     """The command line demonstrates a task with an arm that the package adds."""
     small = ("robot=panda", "task=push", "demos.episodes=1", "executor=serial")
     options = [word for each in small for word in ("--set", each)]
-    done = geoprior(site_with(ARM), "demos", "quickstart", "--out", tmp_path / "run", *options)
+    done = geoprior(site_with(ARM), "demos", "lite", "--out", tmp_path / "run", *options)
     assert done.returncode == 0, done.stderr
     shards = tmp_path / "run" / "shards" / "demos"
     info = json.loads(geoprior(site_with(ARM), "shards", "info", shards, "--json").stdout)

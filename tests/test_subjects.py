@@ -25,7 +25,7 @@ SMALL = ("cameras.height=32", "cameras.width=32", "generate.seconds=0.8", "gener
 def made_run(tmp_path_factory):
     """A run folder as far as its data set goes."""
     run = tmp_path_factory.mktemp("made") / "run"
-    config = load_config("quickstart", SMALL, plugins())
+    config = load_config("lite", SMALL, plugins())
     out = run / "shards" / "synthetic"
     generate(config.generate, config.cameras, seed=config.seed, executor=SerialExecutor(), out=out)
     (run / "config.yaml").write_text(to_yaml(config))
@@ -40,7 +40,7 @@ def run(made_run, tmp_path):
 @pytest.fixture
 def config_file(tmp_path):
     path = tmp_path / "small.yaml"
-    path.write_text(to_yaml(load_config("quickstart", SMALL, plugins())))
+    path.write_text(to_yaml(load_config("lite", SMALL, plugins())))
     return path
 
 
@@ -119,7 +119,7 @@ def test_what_is_on_the_disk_comes_before_a_packaged_name(tmp_path, monkeypatch)
         ("quikstart:push-000001", (), ConfigError, "quikstart: no such file or folder", "'quickstart'"),
         ("runs/none/shards", (), ConfigError, "runs/none/shards: no such file or folder", "packaged configs"),
         ("quickstart:shove-000001", (), ConfigError, "quickstart: no episode 'shove-000001'", "push"),
-        ("quickstart:push-000200", (), ConfigError, "quickstart: no episode", "push-000199"),
+        ("quickstart:push-000100", (), ConfigError, "quickstart: no episode", "push-000099"),
         ("{small}:push-000002", (), ConfigError, "small.yaml: no episode 'push-000002'", "push-000001"),
         ("{small}", ("seeed=1",), ConfigError, "--set seeed=1: there is no key", "seed"),
         ("{golden}:push-000001", ("seed=1",), ConfigError, "--set changes a config", "leave out --set"),

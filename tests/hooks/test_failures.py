@@ -297,7 +297,7 @@ def broken_site(tmp_path_factory):
 
 
 def test_a_config_that_does_not_use_them_runs_on(broken_site, tmp_path):
-    done = geoprior(broken_site, "generate", "quickstart", "--out", tmp_path / "run", *SMALL)
+    done = geoprior(broken_site, "generate", "lite", "--out", tmp_path / "run", *SMALL)
     assert done.returncode == 0, done.stderr
     assert "geoprior-" not in done.stderr
 
@@ -342,7 +342,7 @@ def test_a_run_says_which_plug_in_failed_while_it_ran(tmp_path):
         raise OSError("the office is closed")
     """
     site = install(tmp_path, "geoprior-telegram", textwrap.dedent(code))
-    done = geoprior(site, "generate", "quickstart", "--out", tmp_path / "run", *SMALL)
+    done = geoprior(site, "generate", "lite", "--out", tmp_path / "run", *SMALL)
     assert done.returncode == 0
     assert "package 'geoprior-telegram' 1.2: geoprior_before_stage raised OSError" in done.stderr
     assert "the run goes on" in done.stderr
@@ -371,7 +371,7 @@ def test_what_a_plug_in_raises_in_the_middle_of_its_work_is_said_in_its_name(tmp
     wanted = [
         word.replace("sphere", "mug").replace("executor=serial", f"executor={executor}") for word in SMALL
     ]
-    done = geoprior(site, "generate", "quickstart", "--out", tmp_path / "run", *wanted)
+    done = geoprior(site, "generate", "lite", "--out", tmp_path / "run", *wanted)
     assert done.returncode == 3
     who = "plug-in 'geoprior_mug' of package 'geoprior-mug' 1.2"
     assert f"{who} raised IndexError: list index out of range (geoprior_mug.py, line 8)" in done.stderr
@@ -390,7 +390,7 @@ def test_a_run_whose_factory_raises_ends_with_code_3_and_no_traceback(tmp_path):
     """
     site = install(tmp_path, "geoprior-mug", textwrap.dedent(code))
     wanted = [word.replace("sphere", "mug") for word in SMALL]
-    done = geoprior(site, "generate", "quickstart", "--out", tmp_path / "run", *wanted)
+    done = geoprior(site, "generate", "lite", "--out", tmp_path / "run", *wanted)
     assert done.returncode == 3
     assert "package 'geoprior-mug' 1.2: the factory of primitive 'mug' (geoprior_primitives)" in done.stderr
     assert "Traceback" not in done.stderr

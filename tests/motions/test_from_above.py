@@ -206,4 +206,4 @@ def test_too_few_steps_are_refused_with_a_remedy(motion):
 )
 def test_what_is_no_range_is_refused_with_its_key(motion, key, value):
     with pytest.raises(ConfigError, match=key):
-        load_config("quickstart", [f"generate.motions=[{{name: {motion}, {key}: {value}}}]"], plugins())
+        load_config("lite", [f"generate.motions=[{{name: {motion}, {key}: {value}}}]"], plugins())

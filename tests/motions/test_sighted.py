@@ -79,7 +79,7 @@ def test_the_start_says_little_of_where_the_object_lies():
 
 def test_the_papers_start_says_where_the_object_lies():
     """That the test above can fail."""
-    paper = load_config("quickstart", [], plugins())
+    paper = load_config("lite", [], plugins())
     made = Studio(paper.generate, paper.cameras, SEED)
     found = [start_and_object(made.stage(paper.generate.motions[0], index)) for index in range(COUNT)]
     features, centres = map(np.array, zip(*found, strict=True))

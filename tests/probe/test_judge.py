@@ -40,7 +40,7 @@ SMALL = (
 
 @pytest.fixture(scope="module")
 def config():
-    return load_config("quickstart", (*SMALL, "pretrain.precision=bf16"), plugins())
+    return load_config("lite", (*SMALL, "pretrain.precision=bf16"), plugins())
 
 
 def train(config, out, judge_maker=None):
@@ -135,9 +135,9 @@ def test_a_blind_prior_ends_with_a_warning_that_says_what_to_do(config, tmp_path
 
 
 def test_it_can_be_switched_off_and_changes_no_fingerprint(config, tmp_path, capsys):
-    off = load_config("quickstart", (*SMALL, "pretrain.probe_episodes=0"), plugins())
+    off = load_config("lite", (*SMALL, "pretrain.probe_episodes=0"), plugins())
     stage = next(stage for stage in STAGES if stage.name == "pretrain")
-    on = load_config("quickstart", SMALL, plugins())
+    on = load_config("lite", SMALL, plugins())
     assert stage.config(on) == stage.config(off)
     result = _stage(off, tmp_path)
     assert "warning" not in capsys.readouterr().err
@@ -146,4 +146,4 @@ def test_it_can_be_switched_off_and_changes_no_fingerprint(config, tmp_path, cap
 
 def test_one_episode_is_refused_at_the_door():
     with pytest.raises(ConfigError, match=r"probe_episodes.*two at least, or 0"):
-        load_config("quickstart", ("pretrain.probe_episodes=1",), plugins())
+        load_config("lite", ("pretrain.probe_episodes=1",), plugins())

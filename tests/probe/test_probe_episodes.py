@@ -45,7 +45,7 @@ def test_moments_are_spread_over_every_episode_and_partners_look_at_a_like_time(
 @pytest.fixture(scope="module")
 def quickstart():
     overrides = ("generate.seconds=1", "cameras.height=32", "cameras.width=32")
-    return load_config("quickstart", overrides, plugins())
+    return load_config("lite", overrides, plugins())
 
 
 def test_fresh_episodes_are_none_of_the_run_and_the_same_every_time(quickstart):

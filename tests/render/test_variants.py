@@ -150,7 +150,7 @@ class FogPlugin:
 
 def test_somebody_elses_variant_is_found_by_name_and_its_options_are_written_out(fresh_plugins):
     fresh_plugins.register(FogPlugin(), name="fog", package="weather", version="1")
-    resolved = load_config("quickstart", ["generate.variants=[fog]"], fresh_plugins)
+    resolved = load_config("lite", ["generate.variants=[fog]"], fresh_plugins)
     assert resolved.generate.variants == [Choice(name="fog", options={"body": "floor"})]
     variant = fresh_plugins.build("variant", Choice(name="fog", options={"body": "hidden"}))
     assert {cloud.body for cloud in vary(staged("pick").shots, [variant])["hand"].clouds} == {"hidden"}
@@ -166,6 +166,6 @@ def test_somebody_elses_variant_is_found_by_name_and_its_options_are_written_out
 )
 def test_a_wrong_name_or_option_is_told_before_anything_runs(override, message, hint):
     with pytest.raises(ConfigError) as caught:
-        load_config("quickstart", [override], plugins())
+        load_config("lite", [override], plugins())
     assert message in caught.value.message
     assert hint in caught.value.hint

@@ -160,7 +160,7 @@ def test_every_kind_passes_the_check_and_its_own_tests(installed, packages, kind
 
 
 RUN = """
-extends: quickstart
+extends: lite
 cameras: {height: 32, width: 32}
 executor: {name: our-executor, workers: 1}
 robot: our-robot

@@ -225,13 +225,13 @@ RANGES = (
 @pytest.mark.parametrize("value", ["[3, 2]", "[2]", "[1, 1.0e6]", "wide"])
 def test_a_range_that_is_none_is_refused_with_its_key(key, value):
     with pytest.raises(ConfigError) as fault:
-        load_config("quickstart", [f"generate.scene.{key}={value}"], plugins())
+        load_config("lite", [f"generate.scene.{key}={value}"], plugins())
     assert f"generate.scene.{key}" in str(fault.value)
 
 
 def test_fingers_need_room_and_the_sentence_says_where():
     with pytest.raises(ConfigError, match="fingers need a cube that is set back") as fault:
-        load_config("quickstart", ["generate.scene.hand.fingers={}"], plugins())
+        load_config("lite", ["generate.scene.hand.fingers={}"], plugins())
     assert "generate.scene.hand" in str(fault.value)
     assert "raise setback" in str(fault.value)
 

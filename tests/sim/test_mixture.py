@@ -140,10 +140,10 @@ def test_the_preset_is_the_papers_nine_tasks_and_600_episodes():
 )
 def test_a_config_that_cannot_work_is_refused_by_key(override, message):
     with pytest.raises(ConfigError, match="same_environment") as caught:
-        load_config("quickstart", [override], plugins())
+        load_config("lite", [override], plugins())
     assert message in str(caught.value)
 
 
 def test_an_endless_source_does_not_read_the_mixture():
     with pytest.raises(ConfigError, match="does not read them"):
-        load_config("quickstart", ["pretrain.source=endless", "same_environment={}"], plugins())
+        load_config("lite", ["pretrain.source=endless", "same_environment={}"], plugins())

@@ -42,7 +42,7 @@ TORCHRUN = ("-m", "torch.distributed.run", "--nproc-per-node=2", "--standalone",
 
 def _command(launcher: tuple[str, ...], stage: str, out: Path, *more: str) -> list[str]:
     options = [word for setting in (*TINY, *more) for word in ("--set", setting)]
-    return [sys.executable, *launcher, stage, "quickstart", "--out", str(out), *options]
+    return [sys.executable, *launcher, stage, "lite", "--out", str(out), *options]
 
 
 def _run(launcher: tuple[str, ...], stage: str, out: Path, *more: str) -> subprocess.CompletedProcess[str]:

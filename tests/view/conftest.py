@@ -16,7 +16,7 @@ def make_studio():
     """The studio of a small config, with whatever else is set."""
 
     def make(*settings):
-        config = load_config("quickstart", [*SMALL, *settings], plugins())
+        config = load_config("lite", [*SMALL, *settings], plugins())
         return Studio(config.generate, config.cameras, config.seed)
 
     return make
