@@ -45,18 +45,20 @@ def test_without_one_the_config_of_a_stage_is_what_it_was():
     expected = config.finetune.model_dump(mode="json", exclude=set(config.finetune.speed_only))
     for condition in expected["conditions"].values():
         assert condition.pop("prior") is None
+    for name in config.finetune.later:
+        assert expected.pop(name) == type(config.finetune).model_fields[name].default
     assert part["finetune"] == expected
     assert FINETUNE.outside(config) == {}
 
 
 def test_a_blind_prior_enters_pretraining_only_where_it_is_wanted():
-    plain, controls = load(), load_config("controls", (), plugins())
+    plain, controls = (load_config(name, (), plugins()) for name in ("quickstart", "controls"))
     assert "blind_prior" not in PRETRAIN.config(plain)
     assert PRETRAIN.config(controls) == {**PRETRAIN.config(plain), "blind_prior": True}
 
 
 def test_the_controls_are_the_quickstart_and_two_conditions():
-    plain, controls = load(), load_config("controls", (), plugins())
+    plain, controls = (load_config(name, (), plugins()) for name in ("quickstart", "controls"))
     added = {name: controls.finetune.conditions[name] for name in ("statistics-only", "blind")}
     assert controls.finetune.conditions == plain.finetune.conditions | added
     assert controls.model_copy(update={"finetune": plain.finetune}) == plain

@@ -85,7 +85,8 @@ def test_without_a_network_too(published, monkeypatch):
         load_imagenet_trunk(build(), "act")
 
 
-def test_only_a_prior_gives_statistics():
+def test_weights_come_from_imagenet_alone_and_statistics_may_be_a_priors():
     assert ConditionConfig(init="imagenet").weights == "all"
+    assert ConditionConfig(init="imagenet", statistics="pretrained").takes_from_a_prior
     with pytest.raises(ValueError, match="init 'imagenet' has no prior"):
-        ConditionConfig(init="imagenet", statistics="pretrained")
+        ConditionConfig(init="imagenet", weights="trunk")
