@@ -49,7 +49,7 @@ class Trained:
     @property
     def normaliser(self) -> Normaliser:
         """Of its training."""
-        return Normaliser(self.header.statistics)
+        return self.header.normaliser
 
     @property
     def predictor(self) -> LoadedPredictor:
