@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from geoprior.bench.metrics import Metric, as_lines, report
+from geoprior.bench.metrics import Metric, as_lines, at_least, report
 from geoprior.files import write_json
 from geoprior.study.results import Results, read_rollouts, summarise
 from geoprior.study.schema import Bounds, Comparison, ConditionResult
@@ -25,6 +25,8 @@ from geoprior.study.schema import Bounds, Comparison, ConditionResult
 CONFIG = Path(__file__).with_suffix(".yaml")
 ROOT_SEEDS = (1, 2, 3, 4, 5)
 """The quickstart's own first; none is the tuning's."""
+OWN_TRIALS = 20
+"""Initial states that `make run` rolls out: the first ones."""
 
 
 def rates_of(condition: ConditionResult) -> Iterator[Metric]:
@@ -49,6 +51,19 @@ def differences_of(comparison: Comparison) -> Iterator[Metric]:
 def _with_bounds(name: str, value: float, bounds: Bounds, unit: str) -> Iterator[Metric]:
     for label, share in ((name, value), (f"{name}: from", bounds.low), (f"{name}: to", bounds.high)):
         yield Metric(label, 100.0 * share, unit)
+
+
+def clear_runs(out: Path) -> Metric:
+    """In how many runs the quickstart's own trials show a difference whose interval is above zero."""
+    clear = 0
+    for seed in ROOT_SEEDS:
+        trials = read_rollouts(out / f"seed-{seed}" / "rollouts.jsonl")
+        states = sorted({trial.state_seed for trial in trials})[:OWN_TRIALS]
+        found = summarise([trial for trial in trials if trial.state_seed in states], seed=seed)
+        (comparison,) = found.groups[0].comparisons
+        clear += comparison.area_under_curve.interval.low > 0.0
+    name = f"runs of {len(ROOT_SEEDS)} whose own {OWN_TRIALS} states show a clear difference"
+    return at_least(name, clear, "runs", len(ROOT_SEEDS) - 1)
 
 
 def run(seed: int, out: Path) -> None:
@@ -80,7 +95,7 @@ def main() -> None:
     for seed in ROOT_SEEDS:
         run(seed, options.out / f"seed-{seed}")
     found = together(options.out)
-    metrics: list[Metric] = []
+    metrics = [clear_runs(options.out)]
     for group in found.groups:
         metrics += [metric for condition in group.conditions for metric in rates_of(condition)]
         metrics += [metric for comparison in group.comparisons for metric in differences_of(comparison)]

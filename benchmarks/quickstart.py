@@ -17,7 +17,7 @@ import tempfile
 import time
 from pathlib import Path
 
-GOAL_SECONDS = 600.0
+GOAL_SECONDS = 300.0
 GOAL_BYTES = 3 << 30
 
 

@@ -27,7 +27,7 @@ from geoprior.motions._grasp import GraspOptions, grasp_position, reach
 from geoprior.motions.course import SPEED, Leg, closed, moving, paced, run, waiting
 from geoprior.motions.timing import PhaseOptions, approach_steps, eased, ramp_after
 from geoprior.motions.trajectory import Trajectory, way_of_hand
-from geoprior.scene.marker import draw_goal, marker_points
+from geoprior.scene.marker import draw_goal, draw_marker
 from geoprior.scene.objects import WORLD_UP
 from geoprior.scene.ranges import DistanceRange, LengthRange, uniform
 
@@ -99,10 +99,12 @@ class Place:
         at_rest = np.repeat(scene.object.transform_object_to_world[None], approach, axis=0)
         gripper = np.zeros(steps)
         gripper[approach - 1 : steps - config.opened] = 1.0
+        marker = draw_marker(scene, goal, rng, walls=True)
         return Trajectory(
             hands=way_of_hand(np.concatenate([way, grasped]), gripper),
             transforms_object_to_world=np.concatenate([at_rest, grasped @ object_in_hand]),
-            marker_points=marker_points(scene, goal, rng),
+            marker_points=marker.points,
+            marker_surface=marker.surface,
             phases=("approach",) * (approach - 1)
             + ("grasp",) * config.closed
             + ("transport",) * (steps - approach - held - config.opened)
@@ -136,10 +138,12 @@ class Place:
         hands = ran.transforms_hand_to_world.copy()
         hands[ran.leg > len(legs) - 3] = placed
         carried = hands @ invert(grasp.pose) @ start
+        marker = draw_marker(scene, goal, rng, walls=True)
         return Trajectory(
             hands=way_of_hand(ran.transforms_hand_to_world, ran.gripper, ran.openness, grasp.grip),
             transforms_object_to_world=np.where((ran.leg < len(grasp.legs))[:, None, None], start, carried),
-            marker_points=marker_points(scene, goal, rng),
+            marker_points=marker.points,
+            marker_surface=marker.surface,
             phases=ran.phases,
         )
 

@@ -21,7 +21,7 @@ from geoprior.motions._push_from_above import PushFromAbove, push_from_above
 from geoprior.motions.course import paced, run
 from geoprior.motions.timing import EaseOptions, PhaseOptions, approach_steps, eased, ramp, ramp_after
 from geoprior.motions.trajectory import Trajectory, way_of_hand
-from geoprior.scene.marker import draw_goal, marker_points
+from geoprior.scene.marker import draw_goal, draw_marker
 from geoprior.scene.objects import WORLD_UP
 from geoprior.scene.ranges import LengthRange, uniform
 
@@ -79,12 +79,14 @@ class Push:
         shifts: FloatArray = onward[:, None] * (goal[:3, 3] - centre)
         pushed = np.repeat(scene.object.transform_object_to_world[None], steps, axis=0)
         pushed[moving:, :3, 3] += shifts
+        marker = draw_marker(scene, goal, rng)
         return Trajectory(
             hands=way_of_hand(
                 np.concatenate([way, make_transform(rotation, behind + shifts)]), np.zeros(steps)
             ),
             transforms_object_to_world=pushed,
-            marker_points=marker_points(scene, goal, rng),
+            marker_points=marker.points,
+            marker_surface=marker.surface,
             phases=("approach",) * moving + ("push",) * (steps - moving),
         )
 
@@ -102,10 +104,12 @@ class Push:
         pushed = np.repeat(scene.object.transform_object_to_world[None], steps, axis=0)
         down = ran.leg >= stroke.pushing
         pushed[down, :3, 3] += shifts[down, None] * direction
+        marker = draw_marker(scene, goal, rng)
         return Trajectory(
             hands=way_of_hand(ran.transforms_hand_to_world, gripper, ran.openness),
             transforms_object_to_world=pushed,
-            marker_points=marker_points(scene, goal, rng),
+            marker_points=marker.points,
+            marker_surface=marker.surface,
             phases=ran.phases,
         )
 

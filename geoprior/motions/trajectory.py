@@ -15,6 +15,7 @@ from geoprior.scene.objects import OBJECT
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from geoprior.scene.mesh import Mesh
     from geoprior.scene.scene import Scene
 
     FloatArray = NDArray[np.float64]
@@ -51,6 +52,7 @@ class Trajectory:
         marker_points: (M, 3) world points of the goal drawn on the floor, or None.
         phases: Name of the phase of each step, for example ``approach`` or ``transport``.
         others: (N, 4, 4) object to world of further objects that move, by name; those not named rest.
+        marker_surface: The marker for renderers of solids, in the world; None for the hull of its points.
     """
 
     hands: Mapping[str, HandWay]
@@ -58,6 +60,7 @@ class Trajectory:
     marker_points: FloatArray | None
     phases: tuple[str, ...]
     others: Mapping[str, FloatArray] = field(default_factory=dict)
+    marker_surface: Mesh | None = None
 
     @property
     def steps(self) -> int:

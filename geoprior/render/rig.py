@@ -48,7 +48,8 @@ def shots(scene: Scene, trajectory: Trajectory, seed: int = 0) -> dict[str, Shot
     seen = [Cloud("floor", scene.floor.points, world, floor)]
     seen += [Cloud(name, each.points, moved[name], each.mesh) for name, each in scene.objects.items()]
     if trajectory.marker_points is not None:
-        seen.append(Cloud("marker", trajectory.marker_points, world, flat_hull(trajectory.marker_points)))
+        surface = trajectory.marker_surface or flat_hull(trajectory.marker_points)
+        seen.append(Cloud("marker", trajectory.marker_points, world, surface))
     ways = trajectory.hands
     seen += [
         Cloud("distractor", each.points, each.transform_object_to_world, each.mesh)

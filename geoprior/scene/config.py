@@ -175,10 +175,26 @@ class ThirdCameraConfig(Options):
 class MarkerConfig(Options):
     """The goal drawn on the floor by `place` and `push`."""
 
+    later = frozenset({"size", "outline", "band", "wall"})
+
     density: float = Field(
         30_000.0, gt=0.0, le=1e8, description="Points that fall on a square metre of the object's surface."
     )
     distance: DistanceRange = Field((0.12, 0.25), description="From the object to the marker, metres.")
+    size: LengthRange = Field(
+        (1.0, 1.0),
+        description="The marker is so many times as large as what the object covers of the floor.",
+    )
+    outline: float = Field(
+        0.0,
+        ge=0.0,
+        le=1.0,
+        description="Share of the markers that are a band around an empty middle, as an enclosure is.",
+    )
+    band: FractionRange = Field((0.08, 0.25), description="Width of the band, as a share of the marker's.")
+    wall: DistanceRange = Field(
+        (0.0, 0.0), description="Height of the band where the object is set down from above, metres."
+    )
 
 
 class ArmConfig(Options):

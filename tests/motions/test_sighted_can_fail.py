@@ -95,6 +95,7 @@ def marker(take, *by):
 
 
 BREAKS = {
+    sighted.the_object_ends_within_its_marker: lambda t: solid(t, -1, 0.3, 0.0, 0.0),
     sighted.the_hand_has_a_cube_and_two_fingers: lambda t: bodies(t, "finger"),
     sighted.nothing_of_the_hand_goes_below_the_floor: lambda t: bodies(t, "finger", 0.0, 0.0, -0.1),
     sighted.nothing_of_the_arm_goes_below_the_floor_or_into_the_object: lambda t: into_the_middle(t, "arm"),

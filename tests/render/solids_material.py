@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 NEAREST = 0.01
-SAME_PLACE = 1e-6
-"""Metres: of two sheets in one place the later one is seen."""
+LIFT = 1e-4
+"""Share of its depth by which the marker is nearer than it is, to lie over the floor."""
 
 
 def at(transforms, step):
@@ -53,7 +53,7 @@ def reference_frame(shot, appearance, step, shift=(0.0, 0.0)):
         depths = hits(corners @ camera[:3, :3].T + camera[:3, 3], directions)
         face = depths.argmin(axis=1)
         depth = depths[np.arange(len(directions)), face]
-        depth -= SAME_PLACE * (cloud.body == "marker")
+        depth /= 1.0 + LIFT * (cloud.body == "marker")
         nearer = depth < best
         best[nearer] = depth[nearer]
         colours[nearer] = 255.0 * lit[face[nearer], None] * appearance.colour(cloud.body)
