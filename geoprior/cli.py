@@ -531,7 +531,8 @@ def probe(
     standing still and of a regression on the pose alone. The vision gain is shuffled less true, with its
     standard error over the episodes. The aim error is the distance, seen from above, from the chunk's end to
     the object on unseen initial states of the run's robot and task. The linear probe says how well the
-    object's place can be read from the features of the visual trunk.
+    object's place in those images (without an aim error: in the episodes') can be read from the features of
+    the visual trunk by a linear map.
     """  # noqa: D301
     from geoprior.probing import EPISODES, STATES, Wanted, probe_checkpoint
 

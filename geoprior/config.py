@@ -40,6 +40,8 @@ KINDS = {
     ("task",): "task",
 }
 """Where the config names a plug-in, and of which kind."""
+_GENERATED = ("shards", "endless")
+"""Sources of pretraining whose episodes the config's recipe makes."""
 OPEN_KEYS = ("finetune.conditions",)
 """Mappings whose keys are names of the user's."""
 
@@ -76,6 +78,11 @@ class RunConfig(Options):
         default=EvaluateConfig(), description="Rollouts on unseen initial states."
     )
 
+    @property
+    def has_recipe(self) -> bool:
+        """Whether it says how the prior's episodes are made, so that fresh ones can be."""
+        return self.same_environment is None and self.pretrain.source.name in _GENERATED
+
     @model_validator(mode="after")
     def _refuse_shared_states(self) -> Self:
         trials = self.evaluate.states
@@ -97,6 +104,15 @@ class RunConfig(Options):
             raise ValueError(
                 f"same_environment writes shards and pretrain.source {self.pretrain.source.name!r} does not "
                 "read them: set pretrain.source to shards"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _refuse_a_gain_that_nothing_measures(self) -> Self:
+        if self.pretrain.until_vision_gain is not None and not self.has_recipe:
+            raise ValueError(
+                "pretrain.until_vision_gain: it is measured on fresh synthetic episodes, and this prior is "
+                "not learned from any; set it to null"
             )
         return self
 

@@ -19,7 +19,7 @@ from geoprior.probe.episodes import ProbeEpisodes, fresh_episodes, generated_sou
 from geoprior.run_folder import saved_config
 from geoprior.shards.reader import EpisodeStore
 from geoprior.sim.workers import Setup
-from geoprior.stages import DEMOS, SYNTHETIC, has_recipe
+from geoprior.stages import DEMOS, SYNTHETIC
 from geoprior.training.data import split_slots
 
 EPISODES = 100
@@ -109,7 +109,7 @@ def _material(trained: Trained, run: _Run | None, wanted: Wanted) -> _Material:
             "is not known",
             "give episodes to measure on: --data FOLDER of shards; or copy the run folder with it",
         )
-    if _is_prior(trained) and has_recipe(run.config):
+    if _is_prior(trained) and run.config.has_recipe:
         return _fresh(trained, run.config, wanted.episodes)
     return _stored(trained, run, _training_data(trained, run), wanted.episodes)
 

@@ -29,8 +29,6 @@ RESULTS = "results.json"
 REPORT = "report"
 _EPISODES = ("*.tar", "manifest.json")
 _WEIGHTS = ("epoch-*",)
-_GENERATED = ("shards", "endless")
-"""Sources whose episodes the config's recipe makes, so that fresh ones can be made as well."""
 
 
 @dataclass(frozen=True)
@@ -117,6 +115,8 @@ def _pretrain_part(config: RunConfig) -> dict[str, Any]:
     source = config.pretrain.source
     options = deciding(plugins().options("source", source))
     tree["pretrain"]["source"] = {"name": source.name, **options}
+    if config.pretrain.until_vision_gain is not None:
+        tree["pretrain"]["probe_episodes"] = config.pretrain.probe_episodes
     if config.finetune.wants_blind_prior:
         tree["blind_prior"] = True
     return tree
@@ -194,15 +194,10 @@ def _pretrain(config: RunConfig, place: Workplace) -> Mapping[str, Any]:
     return {**result, "warning": blind}
 
 
-def has_recipe(config: RunConfig) -> bool:
-    """Whether the config says how the prior's episodes are made, so that fresh ones can be."""
-    return config.same_environment is None and config.pretrain.source.name in _GENERATED
-
-
 def _vision_judge(config: RunConfig) -> JudgeMaker | None:
     """What says at every checkpoint whether the prior looks, where fresh episodes can be made."""
     count = config.pretrain.probe_episodes
-    if count == 0 or not has_recipe(config):
+    if count == 0 or not config.has_recipe:
         return None
     from geoprior.probe.judge import make_vision_judge
 

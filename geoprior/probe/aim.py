@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from geoprior.errors import DataError, NumericalError
-from geoprior.shards.episode import POSE_SIZE
+from geoprior.geometry.se3 import apply, invert
+from geoprior.shards.episode import POSE_SIZE, WORLD
 from geoprior.sim.workers import environment
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from geoprior.policies.policy import Features, Predictor
+    from geoprior.sim.environment import Environment
     from geoprior.sim.workers import Setup
 
     FloatArray = NDArray[np.float64]
@@ -36,11 +38,13 @@ class Resets:
         pose: (M, 8 x hands) float32.
         images: Per camera (M, H, W, 3) uint8.
         points: Per name (M, 3), workspace frame, metres.
+        places: Where each camera sees the object's centre, (M, 2) right and down of its frame, metres.
     """
 
     pose: NDArray[np.float32]
     images: Mapping[str, NDArray[np.uint8]]
     points: Mapping[str, FloatArray]
+    places: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.pose)
@@ -69,7 +73,7 @@ def see_resets(setup: Setup, control_rate: int, states: Sequence[int], features:
     require_the_same(where, "hands", features.hands, env.hands)
     require_the_same(where, "cameras", features.cameras, tuple(seen))
     require_the_same(where, "image size", features.image_size, next(iter(seen.values())))
-    poses, images, points = [], [], []
+    poses, images, points, places = [], [], [], []
     for state in states:
         env.reset(state)
         found = env.world.aim_points()
@@ -79,11 +83,24 @@ def see_resets(setup: Setup, control_rate: int, states: Sequence[int], features:
         poses.append(observed.pose)
         images.append(observed.images)
         points.append({name: np.array(point) for name, point in found.items()})
+        places.append(_places(env, found[OBJECT]))
     return Resets(
         np.stack(poses),
         {name: np.stack([frames[name] for frames in images]) for name in features.cameras},
         {name: np.stack([each[name] for each in points]) for name in points[0]},
+        {name: np.stack([each[name] for each in places]) for name in features.cameras},
     )
+
+
+def _places(env: Environment, point: FloatArray) -> dict[str, FloatArray]:
+    """(2,) of a point of the workspace in every camera's frame, right and down."""
+    found = {}
+    for camera in env.camera_headers():
+        to_workspace = np.array(camera.transform_camera_to_mount)
+        if camera.mount != WORLD:
+            to_workspace = env.world.transform_hand_to_workspace(camera.mount) @ to_workspace
+        found[camera.name] = apply(invert(to_workspace), point[None])[0, :2]
+    return found
 
 
 def require_the_same(where: str, what: str, wanted: object, found: object) -> None:

@@ -61,7 +61,7 @@ def lessons_of(
     action = np.stack([actions[episode][row[1:]] for episode, row in pairs])
     return Lessons(
         normaliser.normalise("pose", pose).astype(np.float64),
-        normaliser.normalise("action", action).astype(np.float64),
+        normaliser.normalise_actions(pose, action).astype(np.float64),
         valid,
     )
 
@@ -73,7 +73,7 @@ def lessons_of_rows(episodes: ProbeEpisodes, rows: Rows, normaliser: Normaliser)
     action = np.stack([source.actions[slot][row[1:]] for slot, row in zip(slots, rows.steps, strict=True)])
     return Lessons(
         normaliser.normalise("pose", pose).astype(np.float64),
-        normaliser.normalise("action", action).astype(np.float64),
+        normaliser.normalise_actions(pose, action).astype(np.float64),
         rows.valid,
     )
 
@@ -84,7 +84,7 @@ def stand_still(episodes: ProbeEpisodes, rows: Rows, normaliser: Normaliser) -> 
     pose = np.stack(
         [episodes.source.poses[slot][row[0]] for slot, row in zip(slots, rows.steps, strict=True)]
     )
-    return normaliser.normalise("action", pose)[:, None].astype(np.float64)
+    return normaliser.normalise_actions(pose, pose[:, None]).astype(np.float64)
 
 
 def fit_pose_only(lessons: Lessons) -> list[LinearMap]:

@@ -49,7 +49,7 @@ class Trained:
     @property
     def normaliser(self) -> Normaliser:
         """Of its training."""
-        return Normaliser(self.header.statistics)
+        return self.header.normaliser
 
     @property
     def predictor(self) -> LoadedPredictor:
@@ -116,7 +116,10 @@ class Measures:
             lines.append(f"{name:<13}" + "".join(f"{_number(numbers[head]):>16}" for head in heads))
         for title, found in (
             ("aim error, from the chunk to the object (cm)", self.aim),
-            ("the object's place read from the trunk by a linear map, mean error (cm)", self.linear_probe_cm),
+            (
+                "the object's place in an image, read from the trunk by a linear map, mean error (cm)",
+                self.linear_probe_cm,
+            ),
         ):
             if found is not None:
                 told = ", ".join(f"{name.removesuffix('_cm')} {value:.1f}" for name, value in found.items())
@@ -150,7 +153,8 @@ def measure(
         trained: The checkpoint.
         episodes: What its predictions are compared with.
         lessons: See `VisionProbe`.
-        resets: What it aims on; None to leave that out.
+        resets: What it aims on, and what the linear probe reads; None leaves the aim out, and the probe reads
+            the episodes, if they say where the object is.
         remarks: To go with the result.
 
     Raises:
@@ -160,11 +164,14 @@ def measure(
     skip = trained.skip_of(episodes.source, episodes.told)
     probe = VisionProbe(episodes, trained.header.features, trained.normaliser, skip, lessons)
     motions = probe.measure(trained.policy, _HERE, black=True)
-    linear = probe_episodes(trained.policy, probe, _HERE)
-    said = [f"measured on {episodes.told}", *remarks]
-    if linear is None and resets is not None:
+    if resets is None:
+        linear = probe_episodes(trained.policy, probe, _HERE)
+    else:
         linear = probe_resets(trained.policy, resets, trained.header.features)
-        said.append("the linear probe reads the initial states: the episodes do not say where the object is")
+    where = "the episodes" if resets is None else "the initial states"
+    said = [f"measured on {episodes.told}", *remarks]
+    if linear is not None:
+        said.append(f"the linear probe reads the images of {where}")
     aim = aim_error(trained.predictor, resets) if resets is not None else None
     return Measures(motions, aim, linear, said)
 

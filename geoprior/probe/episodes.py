@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from geoprior.errors import DataError
+from geoprior.geometry.se3 import apply
 from geoprior.geometry.seeding import generator, integer_seed
 from geoprior.motions.trajectory import ways_of_objects
 from geoprior.scene.objects import OBJECT
@@ -47,15 +48,15 @@ class ProbeEpisodes:
         slots: Of the first epoch, E of them.
         motions: (E) the motion or task of each.
         told: What they are, for people.
-        object_positions: From a place in ``slots`` and its time steps (T,) to the object's centre (T, 3) in
-            the workspace, metres; None where nobody knows.
+        object_places: From a place in ``slots`` and its time steps (T,) to where each camera sees the
+            object's centre, (T, 2) right and down of the camera's frame, metres; None where nobody knows.
     """
 
     source: Source
     slots: Sequence[int]
     motions: Sequence[str]
     told: str
-    object_positions: Callable[[int, NDArray[np.int64]], FloatArray] | None = None
+    object_places: Callable[[int, NDArray[np.int64]], Mapping[str, FloatArray]] | None = None
 
     def __len__(self) -> int:
         return len(self.slots)
@@ -137,14 +138,18 @@ def fresh_episodes(generate: GenerateConfig, cameras: CamerasConfig, seed: int, 
     motions = [motion.name for _ in range(count) for motion in generate.motions]
     studio = Studio(generate, cameras, root, count)
 
-    def object_positions(place: int, steps: NDArray[np.int64]) -> FloatArray:
+    def object_places(place: int, steps: NDArray[np.int64]) -> dict[str, FloatArray]:
         index, turn = divmod(place, len(generate.motions))
         take = studio.stage(generate.motions[turn], index)
         way = ways_of_objects(take.scene, take.trajectory)[OBJECT]
-        return np.asarray(np.broadcast_to(way, (take.trajectory.steps, 4, 4))[steps, :3, 3])
+        centres = np.broadcast_to(way, (take.trajectory.steps, 4, 4))[steps, None, :3, 3]
+        return {
+            name: apply(shot.at(steps).view.transforms_world_to_camera, centres)[:, 0, :2]
+            for name, shot in take.shots.items()
+        }
 
     told = f"{count} fresh synthetic episodes of each motion"
-    return ProbeEpisodes(source, range(len(source)), motions, told, object_positions)
+    return ProbeEpisodes(source, range(len(source)), motions, told, object_places)
 
 
 def generated_source(

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from geoprior.policies.normalise import Normaliser
 from geoprior.probe.baselines import lessons_of
 from geoprior.probe.episodes import fresh_episodes
 from geoprior.probe.sight import as_metrics
@@ -53,7 +52,7 @@ class VisionJudge:
     @cached_property
     def _probe(self) -> VisionProbe:
         taught = self.taught
-        normaliser, skip = Normaliser(taught.statistics), taught.skip
+        normaliser, skip = taught.normaliser, taught.skip
         poses, actions = (
             [numbers[slot] for slot in taught.slots]
             for numbers in (taught.source.poses, taught.source.actions)

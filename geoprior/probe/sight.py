@@ -10,6 +10,8 @@ ALL = "all"
 """Stands for all motions together."""
 CLEARLY = 2.0
 """Standard errors by which a gain must be above zero."""
+BARELY = 0.05
+"""Share of the shuffled error below which a gain is small, however sure."""
 REMEDY = (
     "train longer (pretrain.epochs), or on data that cannot be solved blind; docs/prior.md says how to tell "
     "and what helped"
@@ -88,7 +90,8 @@ def judgement(sight: Sight) -> str:
     )
     if not sight.sees:
         return f"This policy does not look: {numbers}, which is no clear difference."
-    looks = f"This policy looks: {numbers}"
+    barely = "barely " if sight.vision_gain < BARELY * sight.shuffled else ""
+    looks = f"This policy {barely}looks: {numbers}"
     if sight.true >= error:
         return f"{looks}, yet {name} does better without looking ({error:.3f})."
     return f"{looks}; the better of the two ways of not looking, {name}, makes {error:.3f}."

@@ -125,6 +125,10 @@ class TrainConfig(Options):
         return self
 
 
+END_FIELDS = ("until_vision_gain", "probe_episodes")
+"""Of a pretraining: what decides when it ends, if a gain is wanted at all."""
+
+
 class PretrainConfig(TrainConfig):
     """Training on the geometric data set."""
 
@@ -155,7 +159,8 @@ class PretrainConfig(TrainConfig):
         ge=0,
         le=100_000,
         description="Fresh episodes of each motion on which it is measured at every checkpoint whether the "
-        "policy looks: `vision_gain` and what it is compared with; 0 does not. Never changes a result.",
+        "policy looks: `vision_gain` and what it is compared with; 0 does not. It changes no weights, "
+        "only when `until_vision_gain` is reached.",
     )
 
     @field_validator("probe_episodes")
@@ -169,6 +174,8 @@ class PretrainConfig(TrainConfig):
     def _may_end_early(self) -> Self:
         if self.until_vision_gain is not None and self.checkpoint_every is None:
             raise ValueError("until_vision_gain: it is measured at checkpoints; set checkpoint_every")
+        if self.until_vision_gain is not None and self.probe_episodes == 0:
+            raise ValueError("until_vision_gain: with probe_episodes 0 nothing measures it; set it to 30")
         return self
 
 

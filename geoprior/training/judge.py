@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Protocol
 if TYPE_CHECKING:
     from torch import nn
 
-    from geoprior.policies.normalise import Statistics
+    from geoprior.policies.normalise import Normaliser
     from geoprior.policies.policy import Features
     from geoprior.sources.source import Source
     from geoprior.training.machine import Machine
@@ -49,14 +49,14 @@ class Taught:
         source: Its episodes.
         slots: Those that it is trained on.
         features: Of the policy.
-        statistics: Of its normalisation.
+        normaliser: Of its poses and actions.
         skip: Steps of the episodes in one of the policy's.
     """
 
     source: Source
     slots: Sequence[int]
     features: Features
-    statistics: Statistics
+    normaliser: Normaliser
     skip: int
 
 

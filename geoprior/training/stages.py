@@ -27,7 +27,7 @@ from geoprior.shards.reader import EpisodeStore
 from geoprior.sources.blind import BlindSource
 from geoprior.sources.shards import ShardSource
 from geoprior.sources.source import SourceContext, targets_of
-from geoprior.training.config import ConditionConfig, TrainConfig
+from geoprior.training.config import END_FIELDS, ConditionConfig, TrainConfig
 from geoprior.training.data import Batches, features_of, split_slots, statistics_of
 from geoprior.training.held_out import HeldOut
 from geoprior.training.judge import Taught, has_vision_gain
@@ -268,14 +268,14 @@ def train(
         "transfer": transfer,
     }
     wanted = getattr(config, "until_vision_gain", None)
-    ends = {} if wanted is None else {"until_vision_gain": wanted}
+    ends = {} if wanted is None else {name: getattr(config, name) for name in END_FIELDS}
     normaliser = Normaliser(statistics, actions=options.actions)
     batches = Batches(source, features, normaliser, config, job.seed, slots)
     judges: list[Judge] = []
     if aside:
         judges.append(HeldOut(source, aside, features, normaliser, config, batches.read))
     if job.judge is not None:
-        judges.append(job.judge(Taught(source, slots, features, statistics, config.skip)))
+        judges.append(job.judge(Taught(source, slots, features, normaliser, config.skip)))
     training = Training(
         run=job.run,
         folder=job.folder,

@@ -76,11 +76,11 @@ def square_episodes(count=12, motions=("pick", "push"), **options):
     """Episodes of a source, the motions in turn; their object is where the square is."""
     source = SquareSource(count, **options)
 
-    def object_positions(place, steps):
-        return np.tile([*source.targets[place], 0.0], (len(steps), 1))
+    def object_places(place, steps):
+        return dict.fromkeys(source.cameras, np.tile(source.targets[place], (len(steps), 1)))
 
     names = [motions[slot % len(motions)] for slot in range(count)]
-    return ProbeEpisodes(source, range(count), names, "squares", object_positions)
+    return ProbeEpisodes(source, range(count), names, "squares", object_places)
 
 
 def normaliser_of(episodes):

@@ -136,6 +136,19 @@ def test_resets_are_what_the_simulation_shows():
     assert len(np.unique(found.points["object"], axis=0)) == 4
 
 
+def test_an_object_is_where_each_camera_sees_it():
+    """What is red in the third view goes right and down as the place does."""
+    found = see_resets(setup("pick"), 10, range(FIRST_STATE, FIRST_STATE + 6), FEATURES)
+    images = found.images["third"].astype(float)
+    red = np.clip(images[..., 0] - images[..., 1:].max(axis=3) - 20.0, 0.0, None)
+    rows, columns = np.mgrid[:32, :32]
+    for axis, pixels in enumerate((columns, rows)):
+        middles = (red * pixels).sum(axis=(1, 2)) / red.sum(axis=(1, 2))
+        assert np.corrcoef(found.places["third"][:, axis], middles)[0, 1] > 0.95
+    assert found.places["hand"].shape == (6, 2)
+    assert (np.abs(found.places["hand"]) < 0.3).all()
+
+
 def test_a_push_begins_behind_the_cube_opposite_the_area():
     from geoprior.sim.worlds.push import CONTACT_DISTANCE
 

@@ -98,7 +98,7 @@ def test_what_is_logged_is_what_the_checkpoint_gives(config, judged):
     from geoprior.training.machine import Machine, arithmetic
 
     source = judge.fresh_episodes(config.generate, config.cameras, config.seed, 3).source
-    taught = Taught(source, [0, 1], trained.header.features, trained.header.statistics, 1)
+    taught = Taught(source, [0, 1], trained.header.features, trained.normaliser, 1)
     machine = Machine("cpu", "bf16", 1)
     with arithmetic(machine):
         found = from_metrics(
@@ -147,3 +147,18 @@ def test_it_can_be_switched_off_and_changes_no_fingerprint(config, tmp_path, cap
 def test_one_episode_is_refused_at_the_door():
     with pytest.raises(ConfigError, match=r"probe_episodes.*two at least, or 0"):
         load_config("lite", ("pretrain.probe_episodes=1",), plugins())
+
+
+def test_where_the_gain_decides_when_to_end_it_must_be_measured_and_counts(config):
+    until = (*SMALL, "pretrain.until_vision_gain=0.1")
+    stage = next(stage for stage in STAGES if stage.name == "pretrain")
+    one, other = (
+        load_config("quickstart", (*until, f"pretrain.probe_episodes={count}"), plugins()) for count in (3, 4)
+    )
+    assert stage.config(one) != stage.config(other)
+    with pytest.raises(ConfigError, match="nothing measures it"):
+        load_config("quickstart", ("pretrain.probe_episodes=0", *until[:-2], until[-1]), plugins())
+    with pytest.raises(ConfigError, match="not learned from any"):
+        load_config(
+            "same-environment", ("pretrain.checkpoint_every=1", "pretrain.until_vision_gain=1"), plugins()
+        )

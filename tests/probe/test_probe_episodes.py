@@ -6,8 +6,9 @@ from probe_material import CHUNK, features, square_episodes
 
 from geoprior.config import load_config
 from geoprior.errors import DataError
+from geoprior.geometry.seeding import integer_seed
 from geoprior.hooks.manager import plugins
-from geoprior.probe.episodes import MOMENTS, fresh_episodes, generated_source, partners_of, rows_of
+from geoprior.probe.episodes import MOMENTS, ROOT, fresh_episodes, generated_source, partners_of, rows_of
 from geoprior.shards.synthesis import Studio
 
 
@@ -66,18 +67,20 @@ def test_what_a_run_learned_from_is_made_again(quickstart):
     assert np.array_equal(source.actions[4], episode.action)
 
 
-def test_the_object_of_a_fresh_episode_is_where_its_header_says(quickstart):
+def test_the_object_is_where_each_camera_shows_it(quickstart):
+    """By the header's own positions and camera transforms."""
     episodes = fresh_episodes(quickstart.generate, quickstart.cameras, 5, 2)
-    for place in range(6):
-        pose = episodes.source.poses[place]
-        found = episodes.object_positions(place, np.array([0, len(pose) - 1]))
-        assert found.shape == (2, 3)
-        # The camera of a fresh episode sees the object from the side of the hand: they are never far apart.
-        assert np.linalg.norm(found[0] - pose[0, :3]) < 1.0
-    from geoprior.geometry.seeding import integer_seed
-    from geoprior.probe.episodes import ROOT
-
     studio = Studio(quickstart.generate, quickstart.cameras, integer_seed(5, ROOT))
-    details = studio.sample(quickstart.generate.motions[0], 1).header.details["object"]
-    found = episodes.object_positions(3, np.array([0, len(episodes.source.poses[3]) - 1]))
-    np.testing.assert_allclose(found, [details["position"], details["final_position"]], atol=1e-9)
+    take = studio.stage(quickstart.generate.motions[0], 1)
+    header = studio.sample(quickstart.generate.motions[0], 1).header
+    last = header.steps - 1
+    found = episodes.object_places(len(quickstart.generate.motions), np.array([0, last]))
+    assert list(found) == ["hand", "third"]
+    for camera in header.cameras:
+        to_world = np.array(camera.transform_camera_to_mount)
+        for row, (step, key) in enumerate([(0, "position"), (last, "final_position")]):
+            mounted = to_world
+            if camera.mount != "world":
+                mounted = take.trajectory.hand.transforms_hand_to_world[step] @ to_world
+            point = mounted[:3, :3].T @ (np.array(header.details["object"][key]) - mounted[:3, 3])
+            np.testing.assert_allclose(found[camera.name][row], point[:2], atol=1e-9)

@@ -56,7 +56,7 @@ def test_a_fine_tuned_policy_is_measured_on_demonstrations_and_it_is_said_that_i
     assert set(found.linear_probe_cm or {}) == {"hand", "third"}
     unaimed = probe_checkpoint(tiny_run / TUNED, Wanted(states=0))
     assert unaimed.aim is None
-    assert unaimed.linear_probe_cm is None
+    assert unaimed.linear_probe_cm is None, "demonstrations do not say where the object is"
     assert unaimed.motions == found.motions
 
 

@@ -54,5 +54,6 @@ def test_a_blind_prior_is_warned_of(one, parts):
 
 def test_the_sentence_says_whether_it_looks_and_whether_that_pays():
     assert judgement(sight()).startswith("This policy looks")
+    assert judgement(sight(shuffled=0.205, error=0.001)).startswith("This policy barely looks")
     assert "yet standing still does better" in judgement(sight(still=0.1))
     assert judgement(sight(shuffled=0.2)).startswith("This policy does not look")

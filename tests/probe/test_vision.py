@@ -3,9 +3,11 @@ import pytest
 import torch
 from probe_material import CHUNK, HERE, Blind, Looking, features, normaliser_of, square_episodes
 
+from geoprior.policies.normalise import Normaliser
 from geoprior.probe.baselines import lessons_of
 from geoprior.probe.episodes import MOMENTS, ProbeEpisodes
 from geoprior.probe.vision import BATCH, VisionProbe
+from geoprior.training.data import statistics_of
 from geoprior.training.machine import Machine
 
 
@@ -162,3 +164,29 @@ def test_episodes_are_read_where_they_stand_in_the_source():
     found = probe_of(some).measure(Looking(normaliser_of(whole)), HERE)
     assert {number for number, _ in whole.source.asked} == {3, 5, 8, 10}
     assert found["all"].true < 0.01
+
+
+def test_actions_from_the_present_pose_are_judged_as_such():
+    """Standing still is then a command of zero, whatever the pose, and a policy that looks still sees."""
+    episodes = square_episodes()
+    plain = features(episodes)
+    statistics = statistics_of(episodes.source, actions="relative", chunk=CHUNK)
+    normaliser = Normaliser(statistics, actions="relative")
+    probe = VisionProbe(episodes, plain, normaliser)
+
+    class Relative(Looking):
+        def predict(self, observation):
+            raw = self.commands(observation)[:, None].expand(-1, CHUNK, -1).numpy()
+            return torch.from_numpy(normaliser.normalise_actions(self.pose(observation).numpy(), raw))
+
+    class Still(Blind):
+        def predict(self, observation):
+            zero = np.zeros((len(observation["pose"]), CHUNK, 8), np.float32)
+            zero[..., 3:] = self.pose(observation).numpy()[:, None, 3:]
+            return torch.from_numpy(normaliser.normalise("action", zero))
+
+    looking = probe.measure(Relative(normaliser), HERE)["all"]
+    assert looking.true < 0.01 < looking.shuffled
+    still = probe.measure(Still(normaliser), HERE)["all"]
+    assert still.true == pytest.approx(still.still, rel=1e-5)
+    assert still.still == pytest.approx(looking.still)
