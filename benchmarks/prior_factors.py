@@ -2,7 +2,7 @@
 
     python benchmarks/prior_factors.py --out runs/factors --json benchmarks/results/prior_factors.json
 
-Every prior has the quickstart's network and 32,400 samples. The vision gain is that on fresh episodes of the
+Every prior has the quickstart's network and 21,600 samples. The vision gain is that on fresh episodes of the
 prior's own data, and so cannot be compared between data that differ much; the aim error can: it is taken
 without any fine-tuning, on unseen initial states of three arms and tasks. Tuning seeds; goes on where it was
 stopped.
@@ -35,7 +35,7 @@ LEARNING = (
     "generate.targets=true",
     "policy.target_weight=2.0",
     "pretrain.source={name: endless, episodes: 200, keep: 8, workers: 0}",
-    "pretrain.epochs=54",
+    "pretrain.epochs=36",
     "pretrain.batch_size=16",
     "pretrain.learning_rate=6e-4",
     "pretrain.schedule=cosine",
