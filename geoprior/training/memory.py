@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import gc
 import platform
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -33,6 +34,13 @@ def kept_memory() -> Iterator[None]:
     finally:
         _set_thresholds(libc, _USUAL)
         libc.malloc_trim(0)
+
+
+def release_memory() -> None:
+    """Hand what is free back to the system: a run's next stages have processes of their own."""
+    gc.collect()
+    if platform.libc_ver()[0] == "glibc":
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 def _set_thresholds(libc: ctypes.CDLL, thresholds: tuple[int, int]) -> None:

@@ -33,6 +33,7 @@ from geoprior.training.held_out import HeldOut
 from geoprior.training.judge import Taught, has_vision_gain
 from geoprior.training.loop import Training, fit
 from geoprior.training.machine import Machine, decide_machine, require_device
+from geoprior.training.memory import release_memory
 from geoprior.training.priors import BLIND, find_prior
 from geoprior.training.side_by_side import run_side_by_side
 from geoprior.training.team import team
@@ -217,7 +218,10 @@ def _train_all(label: str, works: Sequence[Work], executor: Executor | None) -> 
 
 def _do(work: Work, *, quiet: bool = False) -> dict[str, Any]:
     with work.source() as source:
-        return train(work.config, work.job, work.policy, source, work.machine, quiet=quiet)
+        result = train(work.config, work.job, work.policy, source, work.machine, quiet=quiet)
+    del source
+    release_memory()
+    return result
 
 
 @contextmanager
