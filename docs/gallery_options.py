@@ -115,6 +115,22 @@ OPTIONS = (
         [[scene({"distractors": {"count": [3, 3]}})]],
     ),
     Option(
+        "marker",
+        "`scene.marker.size`, `outline`, `band`, `wall`: the goal as the paper has it, the object's "
+        "silhouette; three times as large; a band around an empty middle; and a band with walls.",
+        [
+            [scene({"marker": marker}), SMALL]
+            for marker in (
+                {},
+                {"size": [3, 3]},
+                {"size": [3, 3], "outline": 1.0},
+                {"size": [3, 3], "outline": 1.0, "wall": [0.02, 0.02]},
+            )
+        ],
+        (0.0, 1.0),
+        "place",
+    ),
+    Option(
         "pick-from-above",
         "`from_above` of `pick`: over the object, down with the fingers open on either side of it (`above`, "
         "`depth`, `tilt`), close (`closing`), and up with it (`lift`). Without a lift above, with one below.",
@@ -168,7 +184,7 @@ def option_picture(option: Option, found: Plugins) -> np.ndarray:
 
 
 def _row(option: Option, settings: Sequence[str], found: Plugins) -> np.ndarray:
-    config = load_config("quickstart", [*BASE, *settings], found)
+    config = load_config("lite", [*BASE, *settings], found)
     studio = Studio(config.generate, config.cameras, config.seed)
     choice = next(each for each in config.generate.motions if each.name == option.motion)
     if option.speeds:

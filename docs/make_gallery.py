@@ -28,7 +28,7 @@ from geoprior.view.world import bodies_of, world_of
 
 DOCS = Path(__file__).parent
 IMAGES = Path("images") / "gallery"
-CONFIG = "quickstart"
+CONFIG = "lite"
 SETTINGS = ["seed=6", "cameras.height=96", "cameras.width=96"]
 SAMPLES = 5
 SAMPLE_SIZE = (148, 148)
@@ -39,7 +39,7 @@ FILM_BYTES = 300_000
 
 HEAD = """# Gallery
 
-Every primitive, motion and variant that ships with geoprior, drawn with the packaged quickstart config,
+Every primitive, motion and variant that ships with geoprior, drawn with the packaged config `lite`,
 and the options that the packaged config `sighted` sets. The pictures and this page are made by
 
     GEOPRIOR_PLUGINS= python docs/make_gallery.py
@@ -47,7 +47,7 @@ and the options that the packaged config `sighted` sets. The pictures and this p
 and those of your own plug-ins too by `python docs/make_gallery.py FOLDER`. `geoprior view` draws any
 episode in the same way, in shards or not:
 
-    geoprior view quickstart:push-000004 --3d --orbit 360
+    geoprior view lite:push-000004 --3d --orbit 360
 
 In 3-D the floor is grey, the object blue, the marker green, the hand orange. The orange line is the way
 of the hand, thick while the gripper is closed, with its shadow on the floor; small triads on it are the

@@ -39,7 +39,7 @@ def solids(columns: int = 4) -> np.ndarray:
 
 
 def _rows(renderer: str, columns: int) -> list[np.ndarray]:
-    config = load_config("quickstart", [*SETTINGS, f"generate.renderer={renderer}"], plugins())
+    config = load_config("lite", [*SETTINGS, f"generate.renderer={renderer}"], plugins())
     studio = Studio(config.generate, config.cameras, config.seed)
     rows = []
     for number, motion in enumerate(config.generate.motions):
