@@ -166,6 +166,9 @@ def main() -> None:
         results[factors[position].name] = found
     metrics = [metric for name in options.only for metric in metrics_of(name, results[name])]
     content = report("prior_factors", "python benchmarks/prior_factors.py --out runs/factors", metrics)
+    if set(options.only) != set(FACTORS):
+        left = ", ".join(name for name in FACTORS if name not in options.only)
+        content["note"] = f"Known to the command and not measured: {left}."
     content["measures"] = {name: results[name] for name in options.only}
     print("\n".join(as_lines(content)))
     if options.json:

@@ -103,7 +103,8 @@ def _table(found: re.Match[str]) -> str:
     if not path.is_file():
         return f"{found[1]}Not measured yet.\n{found[3]}"
     content = json.loads(path.read_text())
-    lines = ["", *write(content), "", f"    {content['command']}", ""]
+    note = [content["note"], ""] if "note" in content else []
+    lines = ["", *write(content), "", *note, f"    {content['command']}", ""]
     return found[1] + "\n".join(lines) + "\n" + found[3]
 
 
