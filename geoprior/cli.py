@@ -523,7 +523,7 @@ def probe(
     """Measure whether a policy looks: its error with the right images, with others' and with none.
 
     \b
-      geoprior probe runs/quickstart/checkpoints/pretrain/epoch-000025.safetensors
+      geoprior probe runs/quickstart/checkpoints/pretrain/epoch-000060.safetensors
       geoprior probe runs/quickstart/checkpoints/finetune/prior-s0/epoch-000192.safetensors --json
 
     The errors are the normalised L1 of the predicted chunk on episodes that no training saw: with true
