@@ -76,11 +76,13 @@ def arms(content: Content) -> Iterator[str]:
 
 
 def measures(content: Content) -> Iterator[str]:
-    """Rank correlations as they were printed."""
-    yield "| what | |"
-    yield "| --- | ---: |"
-    for row in content["results"]:
-        yield f"| {row['metric']} | {row['value']:.3g} {row['unit']} |"
+    """Rank correlations, and of how many checkpoints each is."""
+    values = {row["metric"]: row["value"] for row in content["results"]}
+    yield "| measure | rank correlation with success | checkpoints |"
+    yield "| --- | ---: | ---: |"
+    for name, value in values.items():
+        if (count := values.get(f"{name}: of")) is not None:
+            yield f"| {name} | {value:.2f} | {count:.0f} |"
 
 
 TABLES: dict[str, tuple[str, Callable[[Content], Iterator[str]]]] = {
