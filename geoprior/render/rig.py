@@ -53,7 +53,7 @@ def shots(scene: Scene, trajectory: Trajectory, seed: int = 0) -> dict[str, Shot
     ways = trajectory.hands
     seen += [
         Cloud("distractor", each.points, each.transform_object_to_world, each.mesh)
-        for each in scene.bystanders
+        for each in scene.distractors
     ]
     cubes = {name: _cube(hand, ways[name]) for name, hand in scene.hands.items()}
     seen += [finger for name, hand in scene.hands.items() for finger in _fingers(hand, ways[name])]

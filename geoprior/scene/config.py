@@ -221,7 +221,7 @@ class ArmConfig(Options):
 
 
 class DistractorsConfig(Options):
-    """Solids that have nothing to do with what happens; see `geoprior.scene.bystanders`."""
+    """Solids that have nothing to do with what happens; see `geoprior.scene.distractors`."""
 
     count: CountRange = Field((0, 2), description="How many; one that finds no room is left out.")
     primitives: list[Choice] = Field(

@@ -115,12 +115,11 @@ def draw_marker(scene: Scene, goal: FloatArray, rng: np.random.Generator, *, wal
     footprint[:, 2] = scene.floor.height
     footprint[:, :2] = goal[:2, 3] + factor * (footprint[:, :2] - goal[:2, 3])
     whole = flat_hull(footprint)
-    sheet = band(whole.vertices, 1.0 - 2.0 * width, 0.0) if is_band else whole
-    count = points_for_density(sheet, config.density)
-    surface = band(whole.vertices, 1.0 - 2.0 * width, height) if is_band else whole
-    points = sample_surface(sheet, count, rng)
-    points[:, 2] = scene.floor.height
-    return Marker(points, surface)
+    inner = 1.0 - 2.0 * width
+    sheet = band(whole.vertices, inner, 0.0) if is_band else whole
+    points = sample_surface(sheet, points_for_density(sheet, config.density), rng)
+    points[:, 2] = scene.floor.height  # sampling rounds
+    return Marker(points, band(whole.vertices, inner, height) if is_band and height else sheet)
 
 
 def band(outline: FloatArray, inner: float, height: float) -> Mesh:

@@ -47,7 +47,7 @@ class Scene:
         margin: What must be in a view stays this far from its edges, in frame heights.
         others: Further objects at rest, by the names that the motion's spec gives them.
         arms: What carries the hands, by the hands' names; none where none is drawn.
-        bystanders: Solids at rest that have nothing to do with what happens.
+        distractors: Solids at rest that have nothing to do with what happens.
     """
 
     floor: Floor
@@ -58,7 +58,7 @@ class Scene:
     margin: float
     others: Mapping[str, SceneObject] = field(default_factory=dict)
     arms: Mapping[str, Arm] = field(default_factory=dict)
-    bystanders: Sequence[SceneObject] = ()
+    distractors: Sequence[SceneObject] = ()
 
     @property
     def objects(self) -> dict[str, SceneObject]:

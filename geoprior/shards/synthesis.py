@@ -20,7 +20,7 @@ from geoprior.motions.trajectory import ways_of_objects
 from geoprior.options import recipe_tree
 from geoprior.render import frames, rig
 from geoprior.render.variation import vary
-from geoprior.scene.bystanders import draw_bystanders
+from geoprior.scene.distractors import draw_distractors
 from geoprior.scene.mesh import extents
 from geoprior.scene.objects import OBJECT
 from geoprior.scene.ranges import uniform
@@ -151,7 +151,7 @@ class Studio:
                 f"{list(plan.hands)}"
             )
         require_known_objects(motion, scene, trajectory)
-        scene = replace(scene, bystanders=self._bystanders(scene, trajectory, child(rng, "distractors")))
+        scene = replace(scene, distractors=self._distractors(scene, trajectory, child(rng, "distractors")))
         looks = integer_seed(self.seed, "render", motion.name, index)
         shots = vary(rig.shots(scene, trajectory, looks), self._variants)
         kinds = {name: choice for name, (choice, _) in drawn.items()}
@@ -194,14 +194,14 @@ class Studio:
         choice = choices[int(rng.integers(len(choices)))]
         return choice, self._primitive(choice).sample(rng)
 
-    def _bystanders(
+    def _distractors(
         self, scene: Scene, trajectory: Trajectory, rng: np.random.Generator
     ) -> Sequence[SceneObject]:
         config = self.config.scene
         if config.distractors is None:
             return ()
         choices = config.distractors.primitives or self.config.primitives
-        return draw_bystanders(
+        return draw_distractors(
             config.distractors,
             config.object.density,
             scene,

@@ -204,7 +204,7 @@ def test_as_many_distractors_as_said_lie_on_the_floor_at_their_distance():
 
 def test_distractors_without_room_are_left_out():
     for take in staged(3, distractors=DistractorsConfig(count=(3, 3), distance=(0.1, 0.15), gap=0.5)):
-        assert not take.scene.bystanders
+        assert not take.scene.distractors
 
 
 def test_without_the_hand_cube_neither_fingers_nor_arm_are_drawn():

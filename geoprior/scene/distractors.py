@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 _ATTEMPTS = 30
 
 
-def draw_bystanders(
+def draw_distractors(
     config: DistractorsConfig,
     density: float,
     scene: Scene,
