@@ -75,6 +75,7 @@ FACTORS: dict[str, tuple[str, tuple[str, ...]]] = {
         "sighted",
         ("pretrain.schedule=constant", "pretrain.learning_rate=3e-4"),
     ),
+    "sighted, more of the early time steps": ("sighted", ("pretrain.early=2",)),
     "sighted without targets": ("sighted", ("generate.targets=false", "policy.target_weight=0.0")),
     "sighted, positions relative to the hand": ("sighted", ("policy.actions=relative",)),
     "sighted, black images": ("sighted", ("generate.variants=[black-images]",)),

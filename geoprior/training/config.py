@@ -18,7 +18,7 @@ class TrainConfig(Options):
     """
 
     speed_only = frozenset({"loader_workers", "prefetch", "frame_cache_mb", "resume_seconds", "log_every"})
-    later = frozenset({"schedule", "final_rate", "average"})
+    later = frozenset({"schedule", "final_rate", "average", "early"})
 
     epochs: int = Field(
         256, ge=1, le=10_000_000, description="Passes over the episodes, one time step of each."
@@ -65,6 +65,14 @@ class TrainConfig(Options):
     )
     skip: int = Field(
         1, ge=1, le=1000, description="Every `skip`-th action: the policy's rate is the data's fps / skip."
+    )
+    early: float = Field(
+        1.0,
+        ge=1.0,
+        le=4.0,
+        description="How much more often early time steps of an episode are trained on: of N steps the one at "
+        "floor(N u^early), u even in [0, 1). 1: all alike; 2: half of them from the first quarter. What lies "
+        "where can then only be seen; later the hand's own pose tells it.",
     )
     held_out: float = Field(
         0.0,

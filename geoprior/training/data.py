@@ -127,7 +127,7 @@ class Batches:
         self._config, self._seed = config, seed
         self._slots = np.arange(len(source)) if slots is None else np.array(slots)
         self._lengths = np.array([len(pose) for pose in source.poses])
-        self._order = SampleOrder(seed, self._lengths[self._slots].tolist())
+        self._order = SampleOrder(seed, self._lengths[self._slots].tolist(), config.early)
         self._reading = Lock()
 
     def batch(self, step: int, part: int = 0) -> Batch:

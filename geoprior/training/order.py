@@ -21,10 +21,12 @@ class SampleOrder:
     Args:
         seed: Of the training.
         lengths: Time steps of each episode.
+        early: Of N time steps, the one at ``floor(N u ** early)`` is taken, u even in [0, 1): above 1, early
+            ones come more often.
     """
 
-    def __init__(self, seed: int, lengths: Sequence[int]) -> None:
-        self._seed = seed
+    def __init__(self, seed: int, lengths: Sequence[int], early: float = 1.0) -> None:
+        self._seed, self._early = seed, early
         self._lengths = np.asarray(lengths, dtype=np.int64)
         self._epoch = lru_cache(maxsize=2)(self._draw_epoch)
 
@@ -45,7 +47,12 @@ class SampleOrder:
     def _draw_epoch(self, epoch: int) -> NDArray[np.int64]:
         rng = generator(self._seed, "order", epoch)
         episodes = rng.permutation(len(self._lengths))
-        return np.stack([episodes, rng.integers(self._lengths[episodes])], axis=1)
+        return np.stack([episodes, self._draw_steps(self._lengths[episodes], rng)], axis=1)
+
+    def _draw_steps(self, lengths: NDArray[np.int64], rng: np.random.Generator) -> NDArray[np.int64]:
+        if self._early == 1.0:
+            return rng.integers(lengths)
+        return (lengths * rng.random(len(lengths)) ** self._early).astype(np.int64)
 
 
 def steps_until(epoch: int, episodes: int, batch_size: int) -> int:

@@ -53,6 +53,16 @@ def test_the_first_action_is_the_pose_at_the_policys_next_step(skip):
         np.testing.assert_allclose(action, poses[min(time + skip, 12)], atol=1e-6)
 
 
+def test_early_time_steps_have_fewer_actions_past_the_end():
+    """`early` reaches the batches: chunks near an episode's end are cut, and they become rare."""
+    store = FakeStore([make_demonstration(number, steps=8) for number in range(40)])
+    cut = {
+        early: float((~make_batches(store, early=early, batch_size=400)[0].batch(0)["valid"]).float().mean())
+        for early in (1.0, 4.0)
+    }
+    assert cut[4.0] < 0.5 * cut[1.0]
+
+
 def test_a_batch_holds_what_the_episodes_hold(fake_store):
     batches, normaliser = make_batches(fake_store)
     batch = batches.batch(2)

@@ -8,19 +8,25 @@ from geoprior.training.order import SampleOrder, steps_until
 lengths = st.lists(st.integers(1, 30), min_size=1, max_size=12)
 
 
-@given(lengths=lengths, seed=st.integers(0, 2**40), epoch=st.integers(0, 1000))
-def test_an_epoch_holds_every_episode_once_at_a_step_it_has(lengths, seed, epoch):
-    samples = SampleOrder(seed, lengths).samples(epoch * len(lengths), len(lengths))
+@given(lengths=lengths, seed=st.integers(0, 2**40), epoch=st.integers(0, 1000), early=st.floats(1.0, 4.0))
+def test_an_epoch_holds_every_episode_once_at_a_step_it_has(lengths, seed, epoch, early):
+    samples = SampleOrder(seed, lengths, early).samples(epoch * len(lengths), len(lengths))
     assert sorted(samples[:, 0]) == list(range(len(lengths)))
     assert (samples[:, 1] >= 0).all()
     assert (samples[:, 1] < np.array(lengths)[samples[:, 0]]).all()
 
 
-@given(lengths=lengths, seed=st.integers(0, 99), first=st.integers(0, 200), count=st.integers(1, 60))
-def test_a_place_is_a_pure_function_of_seed_and_position(lengths, seed, first, count):
+@given(
+    lengths=lengths,
+    seed=st.integers(0, 99),
+    first=st.integers(0, 200),
+    count=st.integers(1, 60),
+    early=st.sampled_from([1.0, 1.5]),
+)
+def test_a_place_is_a_pure_function_of_seed_and_position(lengths, seed, first, count, early):
     """However it is asked for: in one go, over the borders of epochs, alone, or backwards."""
-    together = SampleOrder(seed, lengths).samples(first, count)
-    order = SampleOrder(seed, lengths)
+    together = SampleOrder(seed, lengths, early).samples(first, count)
+    order = SampleOrder(seed, lengths, early)
     alone = [order.samples(position, 1)[0] for position in reversed(range(first, first + count))]
     np.testing.assert_array_equal(together, alone[::-1])
 
@@ -44,6 +50,17 @@ def test_time_steps_are_uniform():
     counts = np.bincount(samples, minlength=4)
     # Four standard deviations of a binomial count.
     assert (abs(counts - 1000) < 4 * np.sqrt(4000 * 0.25 * 0.75)).all()
+
+
+@pytest.mark.parametrize("early", [1.5, 2.0, 4.0])
+def test_early_time_steps_come_as_often_as_is_said(early):
+    """Of N steps the first x N get the share x ** (1 / early) of the samples."""
+    times = SampleOrder(3, [80]).samples(0, 4000)[:, 1], SampleOrder(3, [80], early).samples(0, 4000)[:, 1]
+    for share in (0.05, 0.25, 0.5, 0.9):
+        evenly, found = (float((each < 80 * share).mean()) for each in times)
+        expected = share ** (1.0 / early)
+        assert found == pytest.approx(expected, abs=4 * np.sqrt(expected * (1 - expected) / 4000))
+        assert found > evenly
 
 
 @pytest.mark.parametrize(
