@@ -70,9 +70,9 @@ class TrainConfig(Options):
         1.0,
         ge=1.0,
         le=4.0,
-        description="How much more often early time steps of an episode are trained on: of N steps the one at "
-        "floor(N u^early), u even in [0, 1). 1: all alike; 2: half of them from the first quarter. What lies "
-        "where can then only be seen; later the hand's own pose tells it.",
+        description="Above 1, early time steps of an episode come more often: of N steps the one at floor(N "
+        "u^early), u even in [0, 1); with 2, half of the samples are of the first quarter. There only "
+        "the images tell what lies where; later the pose of the hand does, too.",
     )
     held_out: float = Field(
         0.0,
