@@ -3,6 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 OUT ?= runs/quickstart
 TEST_WORKERS ?= 2
+NAME ?= quickstart
 BIN := $(VENV)/bin
 INSTALL = $(BIN)/pip install --quiet --constraint constraints.txt
 
@@ -31,8 +32,8 @@ lint: $(VENV)/.installed-dev  ## Check style, types and layers
 format: $(VENV)/.installed-dev  ## Mend what ruff can mend
 	$(BIN)/ruff format . && $(BIN)/ruff check --fix .
 
-bench: $(VENV)/.installed-dev  ## Measure the quickstart in a new folder; `geoprior bench` has the rest
-	$(BIN)/python benchmarks/quickstart.py --json benchmarks/results/quickstart.json --keep $(OUT)
+bench: $(VENV)/.installed-dev  ## Measure: NAME=quickstart by default; `python -m benchmarks` lists them
+	$(BIN)/python -m benchmarks $(NAME) $(BENCH_ARGUMENTS)
 
 clean:  ## Remove the virtual environment and caches, not the runs
 	rm -rf $(VENV) build .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache *.egg-info
@@ -45,10 +46,10 @@ $(VENV)/bin/pip:
 
 # robosuite pulls opencv-python, which needs libGL and a desktop's libraries; the headless one is laid over it.
 $(VENV)/.installed: pyproject.toml constraints.txt | $(VENV)/bin/pip
-	$(INSTALL) --editable .
+	$(INSTALL) --editable '.[sim]'
 	$(INSTALL) --force-reinstall --no-deps opencv-python-headless
 	touch $@
 
 $(VENV)/.installed-dev: pyproject.toml constraints.txt | $(VENV)/.installed
-	$(INSTALL) --editable '.[dev]'
+	$(INSTALL) --editable '.[sim,dev]'
 	touch $@

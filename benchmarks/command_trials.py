@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import geoprior.sim
-from geoprior.bench.demos import ROBOTS, TASKS
-from geoprior.bench.metrics import Metric, as_lines, report
+from benchmarks.demos import ROBOTS, TASKS
+from benchmarks.metrics import Metric, as_lines, report
 from geoprior.executors.local import LocalConfig, LocalExecutor
 from geoprior.files import sha256_file, sha256_json, write_json
 from geoprior.geometry.camera import CamerasConfig

@@ -1,6 +1,6 @@
 """How often the scripted experts succeed, and how long they take, on every robot and task.
 
-    python benchmarks/experts.py --json benchmarks/results/experts.json
+    python -m benchmarks experts --json benchmarks/results/experts.json
 
 One attempt on each initial state from ``--first-state`` on, without pictures, with each controller; nothing
 is tried again, and an attempt counts only if the task's goal still holds after the expert's last command. The
@@ -11,9 +11,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from command_trials import Unit, make, pairs, parse, record, run_all, tell, watch
-
-from geoprior.bench.metrics import Metric, at_least
+from benchmarks.command_trials import Unit, make, pairs, parse, record, run_all, tell, watch
+from benchmarks.metrics import Metric, at_least
 from geoprior.sim.control import LAWS
 from geoprior.sim.records import TrialRecord
 

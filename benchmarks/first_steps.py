@@ -1,6 +1,6 @@
 """Do both take the same first steps? LeRobot's ACT and ours, from the same weights, batches and draws.
 
-    python benchmarks/first_steps.py --lerobot /path/to/lerobot/bin/python --work /tmp/curve \
+    python -m benchmarks first_steps --lerobot /path/to/lerobot/bin/python --work /tmp/curve \
         --json benchmarks/results/first_steps.json
 
 Losses after a step depend on the whole of it: forward and backward pass, clipping and AdamW. Training then
@@ -16,9 +16,9 @@ from contextlib import closing
 from pathlib import Path
 
 import torch
-from train_curve import PRECISIONS, SAME_NOISE, STEPS, WORKER, our_training, prepare, write_terms
 
-from geoprior.bench.metrics import Metric, as_lines, report
+from benchmarks.metrics import Metric, as_lines, report
+from benchmarks.train_curve import PRECISIONS, SAME_NOISE, STEPS, WORKER, our_training, prepare, write_terms
 from geoprior.files import write_json
 from geoprior.training.optimise import make_optimizer, take_step
 
@@ -61,7 +61,7 @@ def main() -> None:
         for step in LOOKED_AT:
             gap = abs(ours[step - 1] / theirs[step - 1] - 1.0)
             metrics.append(Metric(f"{precision}: relative distance of the L1 loss at step {step}", gap, ""))
-    command = "python benchmarks/first_steps.py --lerobot PYTHON --work FOLDER"
+    command = "python -m benchmarks first_steps --lerobot PYTHON --work FOLDER"
     content = report("first_steps", command, metrics)
     print("\n".join(as_lines(content)))
     if options.json:

@@ -1,6 +1,6 @@
 """How often the intervals of a difference hold the truth, in studies that are made up.
 
-    python benchmarks/interval_coverage.py --json benchmarks/results/interval_coverage.json
+    python -m benchmarks interval_coverage --json benchmarks/results/interval_coverage.json
 
 Every study has two conditions, some training seeds and some initial states that all trainings meet. A
 training has a luck of its own, which lasts through its whole curve, and a state its difficulty (both normal,
@@ -18,7 +18,7 @@ from statistics import median
 import numpy as np
 from numpy.typing import NDArray
 
-from geoprior.bench.metrics import Metric, as_lines, at_least, report
+from benchmarks.metrics import Metric, as_lines, at_least, report
 from geoprior.files import write_json
 from geoprior.study import statistics
 from geoprior.study.statistics import Interval, paired_interval
@@ -87,7 +87,7 @@ def main() -> None:
     )
     parser.add_argument("--json", type=Path, help="where the result goes, besides the terminal")
     options = parser.parse_args()
-    content = report("interval_coverage", "python benchmarks/interval_coverage.py", list(measure()))
+    content = report("interval_coverage", "python -m benchmarks interval_coverage", list(measure()))
     print("\n".join(as_lines(content)))
     if options.json:
         write_json(options.json, content)

@@ -1,6 +1,6 @@
 """Whether a task needs eyes: one demonstration's commands, carried out blindly from other initial states.
 
-    python benchmarks/open_loop_replay.py --json benchmarks/results/open_loop_replay.json
+    python -m benchmarks open_loop_replay --json benchmarks/results/open_loop_replay.json
 
 For every robot and task some successful demonstrations are replayed from the same unseen initial states. The
 last command is held for a second more, and success counts once it is reached.
@@ -12,9 +12,8 @@ from functools import lru_cache
 from itertools import chain, count, islice, repeat
 from typing import TYPE_CHECKING
 
-from command_trials import CONTROL_RATE, Unit, make, pairs, parse, record, run_all, tell, watch
-
-from geoprior.bench.metrics import at_most
+from benchmarks.command_trials import CONTROL_RATE, Unit, make, pairs, parse, record, run_all, tell, watch
+from benchmarks.metrics import at_most
 from geoprior.sim.records import TrialRecord
 
 if TYPE_CHECKING:

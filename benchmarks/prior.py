@@ -1,6 +1,6 @@
 """What long priors are worth on three arms: success rates, paired differences, intervals, and the controls.
 
-    python benchmarks/prior.py --out runs/prior --json benchmarks/results/prior.json
+    python -m benchmarks prior --out runs/prior --json benchmarks/results/prior.json
 
 For every root seed it trains the prior of each recipe (`benchmarks/prior/NAME.yaml`), collects 20
 demonstrations of each task on its arm, fine-tunes on them from every beginning, and rolls the checkpoints out
@@ -17,16 +17,16 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from geoprior.bench.metrics import Metric, as_lines, at_least, report
+from benchmarks.metrics import Metric, as_lines, at_least, report
 from geoprior.config import RunConfig, load_config
 from geoprior.executors.local import LocalConfig, LocalExecutor, SerialExecutor
 from geoprior.files import write_json
 from geoprior.hooks.manager import plugins
-from geoprior.shards.generate import generate
 from geoprior.sim.demos import collect
 from geoprior.sim.records import TrialRecord
 from geoprior.sim.rollout import evaluate, find_checkpoints
 from geoprior.study.results import GroupResult, Results, read_rollouts, summarise
+from geoprior.synthesis.generate import generate
 from geoprior.training.stages import finetune, pretrain
 
 HERE = Path(__file__).with_suffix("")
@@ -220,7 +220,7 @@ def tell(out: Path, tasks: Sequence[str], seeds: Sequence[int], json: Path | Non
     """Print what the rollouts say, and write the JSON."""
     found = {task: together(out, task, seeds) for task in tasks}
     metrics = [metric for task, results in found.items() for metric in metrics_of(task, results.groups[0])]
-    content = report("prior", "python benchmarks/prior.py --out runs/prior", metrics)
+    content = report("prior", "python -m benchmarks prior --out runs/prior", metrics)
     content["root_seeds"] = list(seeds)
     content["outcome"] = {task: results.model_dump(mode="json") for task, results in found.items()}
     print("\n".join(as_lines(content)))

@@ -1,6 +1,6 @@
 """What each part of the recipe `sighted` does for a prior: cheap measures, one factor at a time and together.
 
-    python benchmarks/prior_factors.py --out runs/factors --json benchmarks/results/prior_factors.json
+    python -m benchmarks prior_factors --out runs/factors --json benchmarks/results/prior_factors.json
 
 Every prior has the quickstart's network and 21,600 samples. The vision gain is that on fresh episodes of the
 prior's own data, and so cannot be compared between data that differ much; the aim error can: it is taken
@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from geoprior.bench.metrics import Metric, as_lines, report
+from benchmarks.metrics import Metric, as_lines, report
 from geoprior.config import RunConfig, load_config
 from geoprior.executors.local import LocalConfig, LocalExecutor, SerialExecutor
 from geoprior.files import write_json
@@ -166,7 +166,7 @@ def main() -> None:
     for position, found in LocalExecutor(LocalConfig()).run(measure, factors):
         results[factors[position].name] = found
     metrics = [metric for name in options.only for metric in metrics_of(name, results[name])]
-    content = report("prior_factors", "python benchmarks/prior_factors.py --out runs/factors", metrics)
+    content = report("prior_factors", "python -m benchmarks prior_factors --out runs/factors", metrics)
     if set(options.only) != set(FACTORS):
         left = ", ".join(name for name in FACTORS if name not in options.only)
         content["note"] = f"Known to the command and not measured: {left}."

@@ -1,7 +1,7 @@
 """Do the cheap measures of a prior rank as rollouts do? Rank correlations with success, over checkpoints.
 
-    python benchmarks/prior_measures.py --run runs/a --run runs/b --out runs/measures
-    python benchmarks/prior_measures.py --plan plan.yaml --out runs/measures
+    python -m benchmarks prior_measures --run runs/a --run runs/b --out runs/measures
+    python -m benchmarks prior_measures --plan plan.yaml --out runs/measures
 
 Two kinds of checkpoints are measured. A *prior* is one of pretraining from which fine-tunings began; its
 success is the share of successful trials of all checkpoints of those fine-tunings, one robot and task at a
@@ -35,7 +35,7 @@ import numpy as np
 import yaml
 from scipy.stats import rankdata
 
-from geoprior.bench.metrics import Metric, as_lines, report
+from benchmarks.metrics import Metric, as_lines, report
 from geoprior.config import RunConfig, load_config
 from geoprior.errors import ConfigError
 from geoprior.files import sha256_json, write_bytes, write_json
@@ -285,7 +285,7 @@ def main() -> None:
     if not units:
         raise ConfigError("nothing that was rolled out is in these folders", "give --run or --plan")
     rows = measured_units(units, options.out)
-    command = "python benchmarks/prior_measures.py --plan PLAN --out runs/measures"
+    command = "python -m benchmarks prior_measures --plan PLAN --out runs/measures"
     content = report("prior_measures", command, list(correlations(rows)))
     content["episodes"], content["states"] = EPISODES, STATES
     content["checkpoints"] = rows

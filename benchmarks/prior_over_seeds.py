@@ -1,6 +1,6 @@
 """What the quickstart's prior is worth over several root seeds: success rates, differences, intervals.
 
-    python benchmarks/prior_over_seeds.py --out runs/seeds --json benchmarks/results/prior_over_seeds.json
+    python -m benchmarks prior_over_seeds --out runs/seeds --json benchmarks/results/prior_over_seeds.json
 
 Runs ``geoprior run benchmarks/prior_over_seeds.yaml`` once for each root seed, which goes on where it was
 stopped (twenty minutes on 2 cores in all), and tells what follows from all rollouts together. As many runs as
@@ -20,7 +20,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
-from geoprior.bench.metrics import Metric, as_lines, at_least, report
+from benchmarks.metrics import Metric, as_lines, at_least, report
 from geoprior.files import write_json
 from geoprior.study.results import Results, read_rollouts, summarise
 from geoprior.study.schema import Bounds, Comparison, ConditionResult
@@ -102,7 +102,7 @@ def main() -> None:
     for group in found.groups:
         metrics += [metric for condition in group.conditions for metric in rates_of(condition)]
         metrics += [metric for comparison in group.comparisons for metric in differences_of(comparison)]
-    content = report("prior_over_seeds", "python benchmarks/prior_over_seeds.py --out runs/seeds", metrics)
+    content = report("prior_over_seeds", "python -m benchmarks prior_over_seeds --out runs/seeds", metrics)
     content["outcome"] = found.model_dump(mode="json")
     print("\n".join(as_lines(content)))
     if options.json:

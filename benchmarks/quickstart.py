@@ -1,6 +1,6 @@
 """Time and memory of the quickstart, stage by stage, in a fresh folder.
 
-    python benchmarks/quickstart.py --json benchmarks/results/quickstart.json --keep runs/quickstart
+    python -m benchmarks quickstart --json benchmarks/results/quickstart.json --keep runs/quickstart
 
 Runs ``geoprior run`` as a user does and reads the stages' seconds from ``run.json``. Memory is the largest
 sum over the process and its workers of what each holds alone plus its share of what they share (the kernel's
@@ -46,7 +46,7 @@ def measure(config: str, out: Path) -> tuple[float, int]:
 
 
 def results(seconds: float, peak: int, run: dict) -> list[dict]:
-    """What ``geoprior bench`` prints for every benchmark: metric, value, unit, goal, met."""
+    """What ``python -m benchmarks`` prints for every benchmark: metric, value, unit, goal, met."""
     rows = [
         ("whole run", round(seconds, 1), "s", GOAL_SECONDS, seconds <= GOAL_SECONDS),
         ("peak memory", round(peak / 2**20), "MiB", GOAL_BYTES / 2**20, peak <= GOAL_BYTES),
@@ -75,7 +75,7 @@ def main() -> None:
         found = json.loads((out / "results.json").read_text())
     content = {
         "name": "quickstart",
-        "command": f"python benchmarks/quickstart.py --config {options.config}",
+        "command": f"python -m benchmarks quickstart --config {options.config}",
         "machine": run["machine"],
         "versions": run["versions"],
         "results": results(seconds, peak, run),

@@ -1,6 +1,6 @@
 """What trials side by side cost and save: predictions by rows of the batch, and one more environment.
 
-    python benchmarks/side_by_side.py --json benchmarks/results/side_by_side.json
+    python -m benchmarks side_by_side --json benchmarks/results/side_by_side.json
 
 The network is the quickstart's, untrained, on one thread, as a rollout's worker runs it. An environment is
 the quickstart's arm and task, with its first pictures drawn.
@@ -17,12 +17,12 @@ from statistics import median
 
 import torch
 
-from geoprior.bench.metrics import Metric, as_lines, report
+from benchmarks.metrics import Metric, as_lines, report
 from geoprior.config import QUICKSTART, RunConfig, load_config
+from geoprior.episode import POSE_SIZE
 from geoprior.files import write_json
 from geoprior.hooks.manager import plugins
 from geoprior.policies.policy import Features
-from geoprior.shards.episode import POSE_SIZE
 from geoprior.sim.workers import Setup, environments
 
 ROWS = (1, 2, 4, 8, 16)
@@ -76,7 +76,7 @@ def main() -> None:
     metrics = [*predictions(config), *pool(config)]
     content = report(
         "side by side",
-        "python benchmarks/side_by_side.py --json benchmarks/results/side_by_side.json",
+        "python -m benchmarks side_by_side --json benchmarks/results/side_by_side.json",
         metrics,
     )
     print("\n".join(as_lines(content)))

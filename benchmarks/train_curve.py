@@ -1,6 +1,6 @@
 """Does ACT learn here what it learns in LeRobot? Both train on the same batches from the same first weights.
 
-    python benchmarks/train_curve.py --lerobot /path/to/lerobot/bin/python --work /tmp/curve \
+    python -m benchmarks train_curve --lerobot /path/to/lerobot/bin/python --work /tmp/curve \
         --json benchmarks/results/train_curve.json
 
 2,000 steps at a batch of 8: sizes, learning rate and loss are LeRobot's. Ours trains as `geoprior pretrain`
@@ -33,8 +33,8 @@ from safetensors import safe_open
 from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 
-from geoprior.bench.metrics import Metric, as_lines, at_most, report
-from geoprior.bench.training import LARGE, make_training
+from benchmarks.metrics import Metric, as_lines, at_most, report
+from benchmarks.training import LARGE, make_training
 from geoprior.files import sha256_json, write_json
 from geoprior.geometry.seeding import integer_seed
 from geoprior.options import Choice
@@ -296,7 +296,7 @@ def main() -> None:
     arguments = [f"--steps {steps} --threads {threads} --precision {' '.join(options.precision)}", *flags]
     content = report(
         "train_curve",
-        f"python benchmarks/train_curve.py --lerobot PYTHON --work FOLDER {' '.join(arguments)}",
+        f"python -m benchmarks train_curve --lerobot PYTHON --work FOLDER {' '.join(arguments)}",
         compare(curves, steps),
     )
     content["curves"] = curves

@@ -1,6 +1,6 @@
 """Samples a second of ACT's training, and milliseconds of a prediction, beside LeRobot's ACT.
 
-    python benchmarks/train_speed.py --lerobot /path/to/lerobot/bin/python \
+    python -m benchmarks train_speed --lerobot /path/to/lerobot/bin/python \
         --json benchmarks/results/train_speed.json
 
 LeRobot 0.4.4 runs as it comes, in an environment and a process of its own: its sizes, float32, its AdamW
@@ -23,9 +23,9 @@ from typing import IO, cast
 
 import torch
 
-from geoprior.bench.inference import make_predictor, times_of_predictions
-from geoprior.bench.metrics import Metric, at_least, at_most, report
-from geoprior.bench.training import LARGE, machine_rates, make_source, make_training, times_of_steps
+from benchmarks.inference import make_predictor, times_of_predictions
+from benchmarks.metrics import Metric, at_least, at_most, report
+from benchmarks.training import LARGE, machine_rates, make_source, make_training, times_of_steps
 from geoprior.files import write_json
 from geoprior.training.machine import Machine, arithmetic
 from geoprior.training.optimise import make_optimizer
@@ -142,7 +142,7 @@ def main() -> None:
                 print(f"{metric.metric}: {metric.value:,.4g} {metric.unit}", flush=True)
         cast("IO[str]", process.stdin).close()
     content = report(
-        "train_speed", f"python benchmarks/train_speed.py --lerobot PYTHON --rounds {options.rounds}", metrics
+        "train_speed", f"python -m benchmarks train_speed --lerobot PYTHON --rounds {options.rounds}", metrics
     )
     content["versions"] |= {
         "lerobot": lerobot.versions["lerobot"],

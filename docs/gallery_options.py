@@ -14,7 +14,7 @@ import yaml
 from geoprior.config import load_config
 from geoprior.hooks.manager import Plugins
 from geoprior.options import Choice
-from geoprior.shards.synthesis import Studio
+from geoprior.synthesis.studio import Studio
 from geoprior.view.canvas import below, beside, caption, framed, to_rgb
 
 BASE = ["seed=6", "cameras.height=80", "cameras.width=80", "generate.renderer=solids"]

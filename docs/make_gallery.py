@@ -17,7 +17,7 @@ from gallery_options import OPTIONS, Option, option_picture
 from geoprior.config import RunConfig, load_config
 from geoprior.hooks.manager import Plugins, plugins
 from geoprior.options import Choice
-from geoprior.shards.synthesis import Studio
+from geoprior.synthesis.studio import Studio
 from geoprior.view.canvas import below, beside, framed, to_rgb
 from geoprior.view.film import write_film
 from geoprior.view.orbit import Angle

@@ -15,7 +15,7 @@ from geoprior.config import load_config
 from geoprior.hooks.manager import plugins
 from geoprior.options import Choice
 from geoprior.shards.reader import EpisodeStore
-from geoprior.shards.synthesis import Studio
+from geoprior.synthesis.studio import Studio
 from geoprior.view.canvas import GAP, below, beside, framed, to_rgb
 from geoprior.view.sheet import evenly_spaced, store_sheet, write_sheet
 

@@ -169,7 +169,9 @@ def doctor(as_json: bool) -> None:  # noqa: FBT001
     """
     from geoprior.doctor import checks
 
-    findings = checks.examine(Path.cwd())
+    simulates = checks.is_simulation_installed()
+    findings = checks.examine(Path.cwd(), rendering=simulates)
+    findings += [] if simulates else [checks.without_simulation()]
     if as_json:
         click.echo(json.dumps([vars(finding) for finding in findings], indent=2))
     else:
@@ -544,29 +546,6 @@ def probe(
     for remark in found.remarks:
         _say(remark)
     click.echo(json.dumps(found.as_tree(), indent=2))
-
-
-@cli.command()
-@click.argument("name", metavar="NAME")
-@click.option("--quick", is_flag=True, help="Less data, no goals: does it work, and about how fast?")
-@click.option("--json", "as_json", is_flag=True, help="Print one object: machine, versions, results.")
-def bench(name: str, quick: bool, as_json: bool) -> None:  # noqa: FBT001
-    """Measure this machine: geoprior bench generate.
-
-    \b
-    NAME is one of
-      generate  the paper's geometric data set, against the bare kernels and MuJoCo's renderer
-      stream    how long a trainer waits for the endless source
-      rollout   control steps a second with both cameras drawn, against robosuite's own loop
-      train     samples a second of ACT's training, and the machine's own limits
-      infer     how long ACT thinks, alone and for 16 environments
-      demos     20 demonstrations of each of the paper's arms and tasks
-    Leave the machine alone meanwhile: whatever else runs is measured too.
-    """  # noqa: D301
-    from geoprior.bench.catalogue import as_lines, run
-
-    content = run(name, quick=quick, say=_say)
-    click.echo(json.dumps(content, indent=2) if as_json else "\n".join(as_lines(content)))
 
 
 def main() -> None:

@@ -19,8 +19,8 @@ from geoprior.geometry.camera import CamerasConfig
 from geoprior.hooks.manager import GROUP as PACKAGE
 from geoprior.hooks.manager import Plugins
 from geoprior.options import Choice, Options
-from geoprior.shards.config import GenerateConfig
 from geoprior.sim.config import DemosConfig, EvaluateConfig, SameEnvironmentConfig
+from geoprior.synthesis.config import GenerateConfig
 from geoprior.training.config import FinetuneConfig, PretrainConfig
 
 QUICKSTART = "quickstart"

@@ -141,7 +141,7 @@ def _outside_priors(config: RunConfig) -> Mapping[str, str]:
 
 
 def _generate(config: RunConfig, place: Workplace) -> Mapping[str, Any]:
-    from geoprior.shards.generate import generate
+    from geoprior.synthesis.generate import generate
 
     if config.same_environment is not None:
         return _collect_mixture(config.same_environment, config, place)

@@ -10,7 +10,7 @@ from geoprior.config_tree import find_config
 from geoprior.errors import ConfigError, GeopriorError
 from geoprior.hooks.manager import plugins
 from geoprior.run_folder import CONFIG_FILE, saved_config
-from geoprior.shards.synthesis import Studio
+from geoprior.synthesis.studio import Studio
 from geoprior.view.subject import (
     SYNTHETIC,
     Subject,

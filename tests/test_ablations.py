@@ -20,9 +20,9 @@ from geoprior.config_tree import differences, find_config, packaged_configs, rea
 from geoprior.errors import ConfigError
 from geoprior.executors.local import SerialExecutor
 from geoprior.hooks.manager import plugins
-from geoprior.shards.generate import generate
 from geoprior.shards.reader import EpisodeStore
 from geoprior.shards.verify import verify
+from geoprior.synthesis.generate import generate
 
 ROOT = Path(__file__).parents[1]
 CHANGES = {

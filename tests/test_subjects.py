@@ -13,10 +13,10 @@ from geoprior.config import load_config, to_yaml
 from geoprior.errors import ConfigError, DataError
 from geoprior.executors.local import SerialExecutor
 from geoprior.hooks.manager import plugins
-from geoprior.shards.generate import generate
 from geoprior.shards.golden import golden_episodes, write_golden
 from geoprior.shards.writer import write_shard
 from geoprior.subjects import find_subject
+from geoprior.synthesis.generate import generate
 
 SMALL = ("cameras.height=32", "cameras.width=32", "generate.seconds=0.8", "generate.episodes=2")
 

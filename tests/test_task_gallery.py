@@ -12,23 +12,18 @@ from PIL import Image
 from geoprior.hooks.manager import GROUP, plugins
 from geoprior.sim import judge
 from geoprior.sim.looks import distractors
-from geoprior.sim.worlds import (
-    cable,
-    close,
-    cube,
-    door,
-    goal,
-    pile,
-    place,
-    push,
-    small_cable,
-    stack,
-    tabletop,
-    vessel_world,
-)
+from geoprior.sim.tasks.cable import small_cable
+from geoprior.sim.tasks.cable import world as cable
+from geoprior.sim.tasks.close import world as close
+from geoprior.sim.tasks.door import world as door
+from geoprior.sim.tasks.pile import world as pile
+from geoprior.sim.tasks.place import world as place
+from geoprior.sim.tasks.push import world as push
+from geoprior.sim.tasks.stack import world as stack
+from geoprior.sim.worlds import cube, goal, tabletop, vessel_world
 
 ROOT = Path(__file__).parents[1]
-DOCS, WORLDS = ROOT / "docs", ROOT / "geoprior" / "sim" / "worlds"
+DOCS, SIM = ROOT / "docs", ROOT / "geoprior" / "sim"
 PAGE = (DOCS / "tasks.md").read_text(encoding="utf-8")
 LINKS = re.findall(r"!\[[^\]]*\]\(([^)]+)\)", PAGE)
 PAPER_TASKS = ("pick", "place", "push", "pile", "door")
@@ -97,7 +92,7 @@ def reasons_of_worlds():
     """What the methods `failure` of the worlds can return."""
     methods = [
         node
-        for path in WORLDS.glob("*.py")
+        for path in [*SIM.glob("worlds/*.py"), *SIM.glob("tasks/*/world.py")]
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
         if isinstance(node, ast.FunctionDef) and node.name == "failure"
     ]

@@ -101,7 +101,7 @@ class Plugins:
         return self._manager.hook
 
     def load_builtins(self) -> None:
-        """Register every module of the built-in packages that implements a hook."""
+        """Register every module of the built-in packages, or package in them, that implements a hook."""
         for package in BUILTIN_PACKAGES:
             for name in _module_names(package):
                 module = importlib.import_module(name)
@@ -272,7 +272,7 @@ def plugins() -> Plugins:
 
 def _module_names(package: str) -> Iterator[str]:
     for info in pkgutil.iter_modules(importlib.import_module(package).__path__):
-        if not info.ispkg and not info.name.startswith("_"):
+        if not info.name.startswith("_"):
             yield f"{package}.{info.name}"
 
 

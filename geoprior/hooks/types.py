@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from pydantic import BaseModel
 
+    from geoprior.episode import FrameKind
     from geoprior.motions.trajectory import Trajectory
     from geoprior.policies.policy import Policy
     from geoprior.render.clouds import Shot
-    from geoprior.render.frames import FrameKind
     from geoprior.scene.config import OtherConfig
     from geoprior.scene.mesh import Mesh
     from geoprior.scene.scene import Scene

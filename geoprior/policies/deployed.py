@@ -8,8 +8,8 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from geoprior.episode import POSE_SIZE
 from geoprior.policies.normalise import NORMALISED_FEATURES, STD_FLOOR, normalise_images, origins
-from geoprior.shards.episode import POSE_SIZE
 
 if TYPE_CHECKING:
     from geoprior.policies.normalise import Normaliser

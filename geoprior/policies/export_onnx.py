@@ -20,6 +20,7 @@ import torch
 from torch import nn
 
 from geoprior import __version__
+from geoprior.episode import POSE_FIELDS, POSE_SIZE
 from geoprior.errors import DataError, MachineError, NumericalError, PluginError
 from geoprior.files import write_bytes
 from geoprior.hooks.manager import plugins
@@ -28,7 +29,6 @@ from geoprior.policies.deployed import DeployedPolicy
 from geoprior.policies.normalise import Normaliser
 from geoprior.policies.predictor import LoadedPredictor
 from geoprior.policies.tensors import fill
-from geoprior.shards.episode import POSE_FIELDS, POSE_SIZE
 
 if TYPE_CHECKING:
     from pathlib import Path

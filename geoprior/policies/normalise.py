@@ -14,10 +14,10 @@ import numpy as np
 import torch
 from pydantic import NonNegativeFloat, PositiveInt, TypeAdapter
 
+from geoprior.episode import POSE_FIELDS, POSE_SIZE
 from geoprior.errors import DataError
 from geoprior.lanes import in_lanes, numbers_of
 from geoprior.options import Options
-from geoprior.shards.episode import POSE_FIELDS, POSE_SIZE
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

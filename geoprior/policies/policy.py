@@ -65,7 +65,7 @@ class Features:
     @property
     def pose_size(self) -> int:
         """Numbers of a pose and of one action."""
-        from geoprior.shards.episode import POSE_SIZE  # this module is light: config models derive from it
+        from geoprior.episode import POSE_SIZE  # this module is light: config models derive from it
 
         return POSE_SIZE * len(self.hands)
 

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 import torch
 
+from geoprior.episode import POSE_SIZE
 from geoprior.errors import DataError
 from geoprior.policies.halves import halve
 from geoprior.policies.normalise import Normaliser, normalise_images
-from geoprior.shards.episode import POSE_SIZE
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from geoprior.shards.targets import HAND_AXES, IMAGE_AXES
+from geoprior.episode import HAND_AXES, IMAGE_AXES
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -22,7 +22,7 @@ def scale_targets(names: Sequence[str], values: NDArray[np.float32]) -> NDArray[
     """Scale what lies in a hand's frame, clip what lies in an image; other targets stay.
 
     Args:
-        names: Of T targets; see `geoprior.shards.targets`.
+        names: Of T targets; see `geoprior.synthesis.targets`.
         values: (..., T), NaN where there is none.
     """
     units = np.array([UNIT if axis_of(name) in HAND_AXES else 1.0 for name in names])

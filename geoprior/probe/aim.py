@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from geoprior.episode import POSE_SIZE, WORLD
 from geoprior.errors import DataError, NumericalError
 from geoprior.geometry.se3 import apply, invert
-from geoprior.shards.episode import POSE_SIZE, WORLD
 from geoprior.sim.workers import environment
 
 if TYPE_CHECKING:

@@ -14,11 +14,11 @@ from geoprior.geometry.se3 import apply
 from geoprior.geometry.seeding import generator, integer_seed
 from geoprior.motions.trajectory import ways_of_objects
 from geoprior.scene.objects import OBJECT
-from geoprior.shards.synthesis import Studio
 from geoprior.sources._endless import EndlessSource
 from geoprior.sources.endless import EndlessConfig
 from geoprior.sources.shards import ShardSource
 from geoprior.sources.source import SourceContext
+from geoprior.synthesis.studio import Studio
 from geoprior.training.data import chunk_steps
 
 if TYPE_CHECKING:
@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 
     from geoprior.geometry.camera import CamerasConfig
     from geoprior.policies.policy import Features
-    from geoprior.shards.config import GenerateConfig
     from geoprior.shards.reader import EpisodeStore
     from geoprior.sources.source import Source
+    from geoprior.synthesis.config import GenerateConfig
 
     FloatArray = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from torch import nn
 
     from geoprior.geometry.camera import CamerasConfig
-    from geoprior.shards.config import GenerateConfig
+    from geoprior.synthesis.config import GenerateConfig
     from geoprior.training.judge import Judge, Taught
     from geoprior.training.machine import Machine
 

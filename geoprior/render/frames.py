@@ -1,51 +1,21 @@
-"""What a renderer draws: frames of one bit a pixel, of 8-bit gray, or of RGB, and how each lies in memory."""
+"""What a renderer says that it draws, held to it; see `geoprior.episode.FrameFormat`."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal, NamedTuple, get_args
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from geoprior.episode import KINDS, FrameFormat
 from geoprior.errors import PluginError
 from geoprior.render.packing import unpack_frames
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from geoprior.episode import FrameKind
     from geoprior.hooks.types import Renderer
     from geoprior.render.clouds import Shot
-
-FrameKind = Literal["binary", "gray", "rgb"]
-"""Black and white, one bit a pixel; 256 levels of gray; red, green and blue with 256 levels each."""
-
-KINDS: tuple[FrameKind, ...] = get_args(FrameKind)
-
-
-class FrameFormat(NamedTuple):
-    """The frames of one camera.
-
-    Attributes:
-        kind: See `FrameKind`.
-        height: Rows in pixels.
-        width: Columns in pixels.
-    """
-
-    kind: FrameKind
-    height: int
-    width: int
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Of a frame as it is read and trained on, uint8: (H, W), or (H, W, 3) of RGB."""
-        return (self.height, self.width, 3) if self.kind == "rgb" else (self.height, self.width)
-
-    @property
-    def drawn_shape(self) -> tuple[int, ...]:
-        """Of a frame as a renderer draws it, uint8: a binary one is packed, (H, ceil(W / 8))."""
-        return (self.height, -(-self.width // 8)) if self.kind == "binary" else self.shape
-
-    def __str__(self) -> str:
-        return f"{self.kind} {self.height} x {self.width}"
 
 
 def frame_kind(renderer: Renderer, name: str = "") -> FrameKind:
@@ -63,7 +33,7 @@ def frame_kind(renderer: Renderer, name: str = "") -> FrameKind:
         raise PluginError(
             f"renderer {name or type(renderer).__name__!r}: its `frames` is {kind!r}, "
             f"expected one of {', '.join(map(repr, KINDS))}",
-            'say what it draws: `frames: ClassVar[FrameKind] = "gray"`, see geoprior.render.frames',
+            'say what it draws: `frames: ClassVar[FrameKind] = "gray"`, see geoprior.episode',
         )
     return kind
 

@@ -27,9 +27,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from geoprior.episode import FrameKind
     from geoprior.geometry.projection import View
     from geoprior.render.clouds import Cloud, Shot
-    from geoprior.render.frames import FrameKind
 
 
 class PointsConfig(Options):

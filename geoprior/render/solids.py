@@ -26,11 +26,11 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from geoprior.episode import FrameKind
     from geoprior.geometry.projection import View
     from geoprior.render._solids_kernel import Looks, Surfaces
     from geoprior.render.appearance import Appearance
     from geoprior.render.clouds import Cloud, Shot
-    from geoprior.render.frames import FrameKind
 
 _LIFT = 1e-4
 """Share of its depth by which a sheet lies before the last one: 0.1 mm at a metre, far above rounding."""

@@ -1,1 +1,1 @@
-"""Episodes on disk: the contract, the writer, the reader."""
+"""Episodes on disk: the format alone, written, read and checked; no scene and no motion is known here."""

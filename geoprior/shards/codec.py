@@ -20,15 +20,15 @@ import numpy as np
 from numpy.lib import format as npy
 from pydantic import ValidationError
 
+from geoprior.episode import EpisodeHeader
 from geoprior.shards.binary_png import encode_binary_png, pack_white
-from geoprior.shards.episode import EpisodeHeader
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from numpy.typing import NDArray
 
-    from geoprior.render.frames import FrameFormat
+    from geoprior.episode import FrameFormat
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _BINARY = (1, 0, 0, 0, 0)

@@ -9,11 +9,10 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from geoprior.episode import EpisodeHeader, FrameFormat, validate_poses, validate_targets
 from geoprior.errors import DataError
-from geoprior.render.frames import FrameFormat
 from geoprior.shards.archive import Member
 from geoprior.shards.codec import decode_header, decode_npy, decode_png
-from geoprior.shards.episode import EpisodeHeader, validate_poses, validate_targets
 from geoprior.shards.index import (
     ACTION,
     HEADER,

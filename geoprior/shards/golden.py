@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from geoprior.shards.episode import POSE_SIZE, CameraHeader, Episode, EpisodeHeader
+from geoprior.episode import POSE_SIZE, CameraHeader, Episode, EpisodeHeader
 from geoprior.shards.manifest import Manifest, write_manifest
 from geoprior.shards.writer import write_shard
 

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
+from geoprior.episode import EpisodeHeader, FrameFormat
 from geoprior.errors import DataError
-from geoprior.render.frames import FrameFormat
 from geoprior.shards.archive import REMEDY, Member, read_members
-from geoprior.shards.episode import EpisodeHeader
 
 HEADER, POSE, ACTION, TARGETS = "json", "pose.npy", "action.npy", "targets.npy"
 PICKLED = frozenset({"pkl", "pickle", "pyd", "pth", "pt"})

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+from geoprior.episode import Episode, EpisodeHeader
 from geoprior.errors import DataError
 from geoprior.shards.archive import REMEDY, Member
 from geoprior.shards.codec import decode_header, decode_npy, decode_png
-from geoprior.shards.episode import Episode, EpisodeHeader
 from geoprior.shards.index import (
     ACTION,
     HEADER,

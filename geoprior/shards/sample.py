@@ -2,43 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from geoprior.episode import Episode, EpisodeHeader, validate_poses, validate_targets
 from geoprior.errors import DataError
 from geoprior.shards.binary_png import pack_white
-from geoprior.shards.episode import Episode, EpisodeHeader, validate_poses, validate_targets
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from geoprior.render.frames import FrameFormat
+    from geoprior.episode import FrameFormat
 
-Blocks = Callable[[], Iterator["NDArray[np.uint8]"]]
 _BLOCK_BYTES = 1 << 21
 
 
 @dataclass(frozen=True)
 class Sample:
-    """What is written of one episode. It never holds all frames at once unless its maker does.
+    """What is written of one episode, once: its frames may be made while they are written.
 
     Attributes:
         header: See `EpisodeHeader`.
         pose: (N, 8 x hands) float32; see `Episode`.
         action: (N, 8 x hands) float32; see `Episode`.
-        frames: Per camera a function that yields its frames in order, some at a time: (n, H, ceil(W / 8))
-            uint8 of a binary camera, as `numpy.packbits` gives them, (n, H, W) uint8 gray or (n, H, W, 3)
-            uint8 RGB: what a renderer draws.
+        frames: Per camera its frames in order, some at a time: (n, H, ceil(W / 8)) uint8 of a binary camera,
+            as `numpy.packbits` gives them, (n, H, W) uint8 gray or (n, H, W, 3) uint8 RGB.
         targets: (N, T) float32 or None; see `Episode`.
     """
 
     header: EpisodeHeader
     pose: NDArray[np.float32]
     action: NDArray[np.float32]
-    frames: Mapping[str, Blocks]
+    frames: Mapping[str, Iterable[NDArray[np.uint8]]]
     targets: NDArray[np.float32] | None = None
 
 
@@ -47,7 +45,7 @@ def sample_of(episode: Episode) -> Sample:
 
     Raises:
         DataError: It breaks the contract; the message names the sample and the field. A binary frame with
-            another value than 0 and 255 is found when the blocks are asked for.
+            another value than 0 and 255 is found when the frames are iterated over.
     """
     episode.validate()
     key = episode.header.key
@@ -80,13 +78,9 @@ def block_slices(steps: int, frame_bytes: int) -> Iterator[slice]:
         yield slice(first, min(first + size, steps))
 
 
-def _blocks_of(where: str, images: NDArray[np.uint8], frame: FrameFormat) -> Blocks:
-    def blocks() -> Iterator[NDArray[np.uint8]]:
-        for steps in block_slices(len(images), images[0].nbytes):
-            binary = frame.kind == "binary"
-            yield _packed(where, images[steps], steps.start) if binary else images[steps]
-
-    return blocks
+def _blocks_of(where: str, images: NDArray[np.uint8], frame: FrameFormat) -> Iterator[NDArray[np.uint8]]:
+    for steps in block_slices(len(images), images[0].nbytes):
+        yield _packed(where, images[steps], steps.start) if frame.kind == "binary" else images[steps]
 
 
 def _packed(where: str, frames: NDArray[np.uint8], first: int) -> NDArray[np.uint8]:

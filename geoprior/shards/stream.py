@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from geoprior.episode import Episode, EpisodeHeader
 from geoprior.errors import DataError
 from geoprior.shards.archive import REMEDY, Member
 from geoprior.shards.codec import decode_header, decode_npy, decode_png
-from geoprior.shards.episode import Episode, EpisodeHeader
 from geoprior.shards.index import (
     ACTION,
     HEADER,
@@ -31,7 +31,7 @@ from geoprior.shards.manifest import check_length, read_manifest
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from geoprior.render.frames import FrameFormat
+    from geoprior.episode import FrameFormat
 
 
 def iterate(folder: Path) -> Iterator[Episode]:

@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from geoprior.render.frames import FrameFormat
-    from geoprior.shards.episode import CameraHeader, Episode
+    from geoprior.episode import CameraHeader, Episode, FrameFormat
 
 
 class _Sink:
@@ -85,7 +84,7 @@ def encode_episode(episode: Episode) -> Iterator[tuple[str, bytes]]:
     yield from _small_members(sample).items()
     for camera in episode.header.cameras:
         suffixes = iter(frame_suffixes(camera.name, episode.header.steps))
-        for block in sample.frames[camera.name]():
+        for block in sample.frames[camera.name]:
             for frame in block:
                 yield next(suffixes), _encode_frame(frame, camera.frame_format)
 
@@ -114,7 +113,7 @@ def _add(path: Path, archive: ArchiveWriter, sample: Sample) -> None:
 def _add_frames(archive: ArchiveWriter, sample: Sample, camera: CameraHeader) -> None:
     key, step = sample.header.key, 0
     suffixes = frame_suffixes(camera.name, sample.header.steps)
-    for block in sample.frames[camera.name]():
+    for block in sample.frames[camera.name]:
         if camera.frame_format.kind == "binary":
             archive.add_blocks(encode_members(block, camera.width, f"{key}.{suffixes[0]}", step).data)
         else:

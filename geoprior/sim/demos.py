@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from geoprior import __version__
+from geoprior.episode import Episode, EpisodeHeader
 from geoprior.errors import ConfigError, DataError
 from geoprior.files import read_json, sha256_json, write_json
 from geoprior.geometry.camera import CamerasConfig
 from geoprior.options import Choice
 from geoprior.progress import track
-from geoprior.shards.episode import Episode, EpisodeHeader
 from geoprior.shards.manifest import Manifest, ShardRecord, record_of, write_manifest
 from geoprior.shards.writer import write_shard
 from geoprior.sim.config import DemosConfig

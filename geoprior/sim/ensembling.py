@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from geoprior.shards.episode import POSE_SIZE
+from geoprior.episode import POSE_SIZE
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

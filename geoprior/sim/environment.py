@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from geoprior.episode import POSE_SIZE, WORLD, CameraHeader
 from geoprior.errors import ConfigError, DataError
 from geoprior.geometry.camera import pinhole_intrinsics
 from geoprior.geometry.se3 import (
@@ -18,7 +19,6 @@ from geoprior.geometry.se3 import (
     transforms_of_poses,
 )
 from geoprior.geometry.seeding import generator
-from geoprior.shards.episode import POSE_SIZE, WORLD, CameraHeader
 from geoprior.sim.appearance import Appearance
 from geoprior.sim.config import SIMULATION_RATE
 from geoprior.sim.control import PoseControl, require_controller

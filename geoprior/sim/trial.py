@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from geoprior.shards.episode import POSE_SIZE
+from geoprior.episode import POSE_SIZE
 from geoprior.sim.ensembling import OpenLoop, TemporalEnsemble
 from geoprior.sim.environment import UnstablePhysicsError
 from geoprior.sim.judge import BAD_ACTION, TIME_OUT, UNSTABLE, Judge

@@ -9,12 +9,12 @@ import numpy as np
 from geoprior.files import sha256_json
 from geoprior.progress import track
 from geoprior.render.frames import unpacked
-from geoprior.shards.synthesis import hands_of, recipe
-from geoprior.shards.targets import target_names
 from geoprior.sources._stager import Stager, StagerConfig
 from geoprior.sources._turnover import Turnover
 from geoprior.sources._workers import Worker, WorkerHere, WorkerProcess
 from geoprior.sources.source import Moments
+from geoprior.synthesis.studio import hands_of, recipe
+from geoprior.synthesis.targets import target_names
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

@@ -8,18 +8,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from geoprior.errors import PluginError
-from geoprior.shards.synthesis import Studio, next_poses
 from geoprior.sources.source import Moments
+from geoprior.synthesis.studio import Studio, next_poses
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
+    from geoprior.episode import FrameKind
     from geoprior.geometry.camera import CamerasConfig
     from geoprior.render.clouds import Shot
-    from geoprior.render.frames import FrameKind
-    from geoprior.shards.config import GenerateConfig
+    from geoprior.synthesis.config import GenerateConfig
 
 
 @dataclass(frozen=True)

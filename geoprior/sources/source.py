@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from geoprior.geometry.camera import CamerasConfig
-    from geoprior.shards.config import GenerateConfig
+    from geoprior.synthesis.config import GenerateConfig
 
 
 @dataclass(frozen=True)
@@ -61,8 +61,8 @@ class Source(Protocol):
     number stands for never depends on what was read before.
 
     One attribute more may be there: ``targets``, a tuple of T names, says what the numbers of
-    `Moments.targets` are, for policies that learn them on the side; see `geoprior.shards.targets`. Ask for it
-    with `targets_of`.
+    `Moments.targets` are, for policies that learn them on the side; see `geoprior.synthesis.targets`. Ask for
+    it with `targets_of`.
     """
 
     @property

@@ -49,8 +49,8 @@ if TYPE_CHECKING:
     from geoprior.hooks.types import Executor
     from geoprior.options import Choice
     from geoprior.policies.policy import Features
-    from geoprior.shards.config import GenerateConfig
     from geoprior.sources.source import Source
+    from geoprior.synthesis.config import GenerateConfig
     from geoprior.training.config import FinetuneConfig, PretrainConfig
     from geoprior.training.judge import Judge, JudgeMaker
 

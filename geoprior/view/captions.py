@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
+from geoprior.episode import POSE_SIZE
 from geoprior.scene.hand import HAND
-from geoprior.shards.episode import POSE_SIZE
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from geoprior.shards.episode import EpisodeHeader
+    from geoprior.episode import EpisodeHeader
 
 
 def episode_caption(header: EpisodeHeader) -> str:

@@ -23,7 +23,7 @@ from geoprior.view.reduction import reduced
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from geoprior.shards.episode import Episode
+    from geoprior.episode import Episode
 
     Frames = Iterator[NDArray[np.uint8]]
 

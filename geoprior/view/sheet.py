@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from geoprior.shards.episode import Episode
+    from geoprior.episode import Episode
     from geoprior.shards.reader import EpisodeStore
 
 

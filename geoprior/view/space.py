@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from geoprior.shards.episode import Episode
+    from geoprior.episode import Episode
     from geoprior.view.world import World
 
 FILM_SIZE = (480, 640)

@@ -15,9 +15,9 @@ from geoprior.shards.reader import EpisodeStore
 from geoprior.view.world import Bodies, bodies_of
 
 if TYPE_CHECKING:
+    from geoprior.episode import Episode
     from geoprior.options import Choice
-    from geoprior.shards.episode import Episode
-    from geoprior.shards.synthesis import Studio
+    from geoprior.synthesis.studio import Studio
 
 SYNTHETIC = "synthetic"
 _SAME_POSE = 1e-5  # metres and quaternion components: what another processor may round otherwise

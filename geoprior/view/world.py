@@ -9,18 +9,18 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from geoprior.episode import POSE_SIZE, WORLD
 from geoprior.geometry.se3 import transforms_of_poses
 from geoprior.motions.trajectory import ways_of_objects
 from geoprior.render import rig
-from geoprior.shards.episode import POSE_SIZE, WORLD
 from geoprior.view.outline import Solid
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from geoprior.episode import CameraHeader, EpisodeHeader
     from geoprior.render.clouds import Cloud
-    from geoprior.shards.episode import CameraHeader, EpisodeHeader
-    from geoprior.shards.synthesis import Take
+    from geoprior.synthesis.studio import Take
 
     FloatArray = NDArray[np.float64]
 

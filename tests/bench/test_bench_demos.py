@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import pytest
 
-from geoprior.bench import demos
-from geoprior.bench.demos import ROBOTS, TASKS, measure, measure_quickly
+from benchmarks import demos
+from benchmarks.demos import ROBOTS, TASKS, measure, measure_quickly
 from geoprior.errors import MachineError
 
 

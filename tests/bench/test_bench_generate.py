@@ -4,11 +4,11 @@ from pathlib import Path
 
 import numpy as np
 
-from geoprior.bench.generate import floor_of_shard, floor_of_shot
-from geoprior.bench.making import make_apart, paper_config
+from benchmarks.generate import floor_of_shard, floor_of_shot
+from benchmarks.making import make_apart, paper_config
 from geoprior.geometry.camera import CamerasConfig
-from geoprior.shards.generate import plan_shards
-from geoprior.shards.synthesis import Studio
+from geoprior.synthesis.generate import plan_shards
+from geoprior.synthesis.studio import Studio
 
 
 def test_a_data_set_made_apart_tells_time_size_and_memory():
@@ -28,7 +28,7 @@ def test_the_floor_draws_and_encodes_the_very_frames_of_the_data_set(monkeypatch
     config, cameras = paper_config(3, seconds=0.2), CamerasConfig(height=40, width=56)
     (task,) = plan_shards(config, cameras, 3, Path("unused"))
     seen = []
-    monkeypatch.setattr("geoprior.bench.generate.encode_members", lambda frames, *_: seen.append(frames))
+    monkeypatch.setattr("benchmarks.generate.encode_members", lambda frames, *_: seen.append(frames))
     assert floor_of_shard(task) > 0.0
     studio = Studio(config, cameras, 3)
     wanted = [

@@ -5,9 +5,9 @@ from concurrent.futures import ProcessPoolExecutor
 import numpy as np
 import pytest
 
-from geoprior.bench import rollout
-from geoprior.bench.rollout import DRIVES, measure_quickly
-from geoprior.bench.stepping import SIZE, Drive, Slice, measure_costs, step_ours
+from benchmarks import rollout
+from benchmarks.rollout import DRIVES, measure_quickly
+from benchmarks.stepping import SIZE, Drive, Slice, measure_costs, step_ours
 
 
 def test_every_nth_step_is_looked_at(monkeypatch):
@@ -69,7 +69,7 @@ def test_slices_of_both_sides_alternate_and_their_ratio_is_told(monkeypatch):
 
 
 def measure_nothing():
-    from geoprior.bench.stepping import Costs
+    from benchmarks.stepping import Costs
 
     return Costs(1.0, 1.0, 1.0, 1.0)
 

@@ -5,7 +5,7 @@ import time
 import pytest
 import torch
 
-from geoprior.bench import inference, training
+from benchmarks import inference, training
 from geoprior.options import Choice
 from geoprior.policies.policy import Features
 

@@ -1,7 +1,7 @@
-from geoprior.bench.endless import measure_reading, measure_staging, measure_waiting
+from benchmarks.endless import measure_reading, measure_staging, measure_waiting
 from geoprior.geometry.camera import CamerasConfig
-from geoprior.shards.config import GenerateConfig
 from geoprior.sources.endless import EndlessConfig
+from geoprior.synthesis.config import GenerateConfig
 
 GENERATE = GenerateConfig(episodes=2, seconds=2)
 CAMERAS = CamerasConfig(height=16, width=16)

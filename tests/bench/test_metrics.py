@@ -1,17 +1,21 @@
 from __future__ import annotations
 
+import importlib
 import json
 import os
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
-from geoprior.bench.catalogue import BENCHMARKS, run
-from geoprior.bench.memory import PeakMemory, memory_bytes
-from geoprior.bench.metrics import Metric, as_lines, at_least, at_most, report
+from benchmarks.catalogue import BENCHMARKS, STUDIES, run
+from benchmarks.memory import PeakMemory, memory_bytes
+from benchmarks.metrics import Metric, as_lines, at_least, at_most, report
 from geoprior.errors import ConfigError
+
+ROOT = Path(__file__).parents[2]
 
 
 def test_a_goal_is_met_on_its_own_side():
@@ -20,7 +24,7 @@ def test_a_goal_is_met_on_its_own_side():
 
 
 def test_the_object_is_json_with_machine_versions_and_results():
-    content = json.loads(json.dumps(report("x", "geoprior bench x", [at_most("time", 3.0, "s", 2.0)])))
+    content = json.loads(json.dumps(report("x", "python -m benchmarks x", [at_most("time", 3.0, "s", 2.0)])))
     assert set(content) == {"name", "command", "machine", "versions", "results"}
     assert content["results"] == [{"metric": "time", "value": 3.0, "unit": "s", "goal": 2.0, "met": False}]
     assert any("MISSED" in line for line in as_lines(content))
@@ -55,9 +59,29 @@ def test_an_unknown_benchmark_shows_the_choices():
 
 
 def test_every_benchmark_can_be_run_both_ways():
-    import importlib
 
     for benchmark in BENCHMARKS.values():
         module = importlib.import_module(benchmark.module)
         assert callable(module.measure)
         assert callable(module.measure_quickly)
+
+
+def test_every_study_reads_the_command_line():
+    for name in STUDIES:
+        assert callable(importlib.import_module(f"benchmarks.{name}").main)
+
+
+@pytest.mark.parametrize("name", ["generate", "prior", "prior_factors"])
+def test_the_command_says_how_each_is_used(name):
+    command = [sys.executable, "-m", "benchmarks", name, "--help"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert f"python -m benchmarks {name}" in done.stdout
+
+
+def test_an_unknown_name_is_refused_with_the_way_to_the_list():
+    command = [sys.executable, "-m", "benchmarks", "genrate"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "genrate" in done.stderr
+    assert "--help" in done.stderr

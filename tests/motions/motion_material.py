@@ -6,8 +6,8 @@ from functools import cache
 
 from geoprior.geometry.camera import CamerasConfig
 from geoprior.options import Choice
-from geoprior.shards.config import GenerateConfig
-from geoprior.shards.synthesis import stage_episode
+from geoprior.synthesis.config import GenerateConfig
+from geoprior.synthesis.studio import stage_episode
 
 MOTIONS = ("pick", "place", "push")
 PRIMITIVES = ("cone", "cylinder", "prism", "pyramid", "sphere", "truncated-cone", "truncated-pyramid")

@@ -17,8 +17,8 @@ from geoprior.geometry.se3 import make_transform
 from geoprior.hooks.manager import plugins
 from geoprior.options import Choice
 from geoprior.scene.config import HandConfig, MarkerConfig, SceneConfig
-from geoprior.shards.config import GenerateConfig
-from geoprior.shards.synthesis import stage_episode
+from geoprior.synthesis.config import GenerateConfig
+from geoprior.synthesis.studio import stage_episode
 
 STEPS = 40
 SEEDS = st.integers(0, 2**32 - 1)

@@ -13,8 +13,8 @@ from geoprior.hooks.manager import plugins
 from geoprior.motions.timing import eased, ramp
 from geoprior.options import Choice
 from geoprior.scene.config import FingersConfig, HandConfig, SceneConfig
-from geoprior.shards.config import GenerateConfig
-from geoprior.shards.synthesis import Studio
+from geoprior.synthesis.config import GenerateConfig
+from geoprior.synthesis.studio import Studio
 
 SCENE = SceneConfig(hand=HandConfig(setback=(0.09, 0.09), clearance=0.1, fingers=FingersConfig()))
 SOLIDS = [Choice(name="prism", options={"width": (0.03, 0.05), "height": (0.03, 0.05)})]

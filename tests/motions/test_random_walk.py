@@ -18,8 +18,8 @@ from geoprior.motions.trajectory import Trajectory
 from geoprior.options import Choice
 from geoprior.scene.hand import hand_rotation
 from geoprior.scene.scene import Scene
-from geoprior.shards.config import GenerateConfig
-from geoprior.shards.synthesis import stage_episode
+from geoprior.synthesis.config import GenerateConfig
+from geoprior.synthesis.studio import stage_episode
 
 CAMERAS = CamerasConfig()
 COUNT = 40

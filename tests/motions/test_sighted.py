@@ -10,7 +10,7 @@ from laws.sighted import SIGHTED
 
 from geoprior.config import load_config
 from geoprior.hooks.manager import plugins
-from geoprior.shards.synthesis import Studio
+from geoprior.synthesis.studio import Studio
 
 SEED = 77
 COUNT = 100

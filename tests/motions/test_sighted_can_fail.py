@@ -13,7 +13,7 @@ from laws.sighted import SIGHTED
 from geoprior.config import load_config
 from geoprior.hooks.manager import plugins
 from geoprior.motions.trajectory import HandWay
-from geoprior.shards.synthesis import Studio
+from geoprior.synthesis.studio import Studio
 
 TINY = 2e-6
 

@@ -12,8 +12,8 @@ from geoprior.geometry.camera import CamerasConfig
 from geoprior.geometry.se3 import apply
 from geoprior.options import Choice
 from geoprior.scene.config import MarkerConfig, ObjectConfig, SceneConfig
-from geoprior.shards.config import GenerateConfig
-from geoprior.shards.synthesis import stage_episode
+from geoprior.synthesis.config import GenerateConfig
+from geoprior.synthesis.studio import stage_episode
 
 CELL = 0.001
 CANVAS, SUBPIXELS = 1024, 16

@@ -3,10 +3,10 @@
 import numpy as np
 import torch
 
+from geoprior.episode import CameraHeader, EpisodeHeader
 from geoprior.policies.normalise import IMAGE_MEAN, IMAGE_STD, Normaliser
 from geoprior.policies.policy import Features
 from geoprior.probe.episodes import ProbeEpisodes
-from geoprior.shards.episode import CameraHeader, EpisodeHeader
 from geoprior.sources.source import Moments
 from geoprior.training.data import features_of, statistics_of
 from geoprior.training.machine import Machine

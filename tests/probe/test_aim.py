@@ -150,7 +150,7 @@ def test_an_object_is_where_each_camera_sees_it():
 
 
 def test_a_push_begins_behind_the_cube_opposite_the_area():
-    from geoprior.sim.worlds.push import CONTACT_DISTANCE
+    from geoprior.sim.tasks.push.world import CONTACT_DISTANCE
 
     found = see_resets(setup("push"), 10, [FIRST_STATE], FEATURES)
     from geoprior.sim.workers import environment

@@ -9,7 +9,7 @@ from geoprior.errors import DataError
 from geoprior.geometry.seeding import integer_seed
 from geoprior.hooks.manager import plugins
 from geoprior.probe.episodes import MOMENTS, ROOT, fresh_episodes, generated_source, partners_of, rows_of
-from geoprior.shards.synthesis import Studio
+from geoprior.synthesis.studio import Studio
 
 
 @given(counts=st.dictionaries(st.sampled_from("abcdef"), st.integers(2, 40), min_size=1), order=st.randoms())

@@ -22,8 +22,8 @@ from geoprior.geometry.camera import CamerasConfig
 from geoprior.geometry.se3 import make_transform
 from geoprior.motions.trajectory import Trajectory, way_of_hand
 from geoprior.options import Choice
-from geoprior.shards.config import GenerateConfig
-from geoprior.shards.synthesis import stage_episode
+from geoprior.synthesis.config import GenerateConfig
+from geoprior.synthesis.studio import stage_episode
 
 MOTIONS = ("pick", "place", "push")
 PRIMITIVES = ("cone", "cylinder", "prism", "pyramid", "sphere", "truncated-cone", "truncated-pyramid")

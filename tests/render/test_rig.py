@@ -12,8 +12,8 @@ from geoprior.hooks.manager import plugins
 from geoprior.options import Choice
 from geoprior.render import rig
 from geoprior.render.clouds import Cloud, Shot
-from geoprior.shards.config import GenerateConfig
-from geoprior.shards.synthesis import stage_episode, synthesise
+from geoprior.synthesis.config import GenerateConfig
+from geoprior.synthesis.studio import stage_episode, synthesise
 
 CAMERAS = CamerasConfig(height=64, width=64)
 CONFIG = GenerateConfig(fps=12, seconds=1.0)

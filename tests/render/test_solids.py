@@ -19,10 +19,10 @@ from geoprior.render.appearance import AppearanceConfig, draw_appearance
 from geoprior.render.clouds import Cloud, Shot
 from geoprior.render.solids import SolidsConfig
 from geoprior.scene.mesh import Mesh, box, convex_mesh, square
-from geoprior.shards.config import GenerateConfig
-from geoprior.shards.generate import generate
 from geoprior.shards.reader import EpisodeStore
-from geoprior.shards.synthesis import Studio, stage_episode
+from geoprior.synthesis.config import GenerateConfig
+from geoprior.synthesis.generate import generate
+from geoprior.synthesis.studio import Studio, stage_episode
 
 MOTIONS = ("pick", "place", "push")
 PRIMITIVES = ("prism", "pyramid", "cylinder", "cone", "sphere", "truncated-pyramid", "truncated-cone")
@@ -235,7 +235,7 @@ def test_episodes_in_memory_and_in_shards_are_the_same():
     )
     episode, sample = made.episode(Choice(name="push"), 0), made.sample(Choice(name="push"), 0)
     for camera, blocks in sample.frames.items():
-        cut = list(blocks())
+        cut = list(blocks)
         assert len(cut) > 1, "the test must be able to fail"
         np.testing.assert_array_equal(np.concatenate(cut), episode.images[camera])
     assert [camera.frame_format.kind for camera in episode.header.cameras] == ["rgb", "rgb"]

@@ -15,8 +15,8 @@ from geoprior.hooks.manager import plugins
 from geoprior.options import Choice, Options
 from geoprior.render import rig
 from geoprior.render.variation import vary
-from geoprior.shards.config import GenerateConfig
-from geoprior.shards.synthesis import recipe, stage_episode, synthesise
+from geoprior.synthesis.config import GenerateConfig
+from geoprior.synthesis.studio import recipe, stage_episode, synthesise
 
 CAMERAS = CamerasConfig(height=64, width=64)
 MOTIONS = ("pick", "place", "push", "random-walk")

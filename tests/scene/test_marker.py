@@ -7,7 +7,7 @@ from geoprior.config import load_config
 from geoprior.errors import ConfigError
 from geoprior.hooks.manager import plugins
 from geoprior.scene.marker import band
-from geoprior.shards.synthesis import Studio
+from geoprior.synthesis.studio import Studio
 
 SQUARE = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
 

@@ -24,8 +24,8 @@ from geoprior.scene.config import (
 )
 from geoprior.scene.mesh import bounds
 from geoprior.scene.scene import draw_scene
-from geoprior.shards.config import GenerateConfig
-from geoprior.shards.synthesis import Studio
+from geoprior.synthesis.config import GenerateConfig
+from geoprior.synthesis.studio import Studio
 
 CAMERAS = CamerasConfig(height=64, width=64)
 COUNT = 60

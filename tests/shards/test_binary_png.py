@@ -18,9 +18,9 @@ from geoprior.options import Choice
 from geoprior.shards._deflate_code import binary_code, canonical_codes, huffman_lengths
 from geoprior.shards.archive import ArchiveWriter
 from geoprior.shards.binary_png import encode_binary_png, encode_members
-from geoprior.shards.config import GenerateConfig
-from geoprior.shards.synthesis import Studio
 from geoprior.shards.writer import write_samples, write_shard
+from geoprior.synthesis.config import GenerateConfig
+from geoprior.synthesis.studio import Studio
 
 SHAPES = st.tuples(st.integers(1, 40), st.integers(1, 150))
 # Runs of either colour, so that long ones and their borders are met, and noise.
@@ -116,7 +116,7 @@ def test_no_frame_becomes_much_longer_and_sparse_ones_are_as_short_as_zlibs():
         for motion in config.motions:
             sample = Studio(config, cameras, 0).sample(motion, 0)
             for blocks in sample.frames.values():
-                for packed in np.concatenate(list(blocks())):
+                for packed in np.concatenate(list(blocks)):
                     rows = np.pad(packed, ((0, 0), (1, 0))).tobytes()
                     ours += len(encode_binary_png(packed, width))
                     theirs += 57 + len(zlib.compress(rows, 1))
@@ -140,6 +140,6 @@ def test_blocks_are_cut_without_a_trace(tmp_path, monkeypatch):
     studio = Studio(GenerateConfig(fps=3, seconds=4), CamerasConfig(height=50, width=70), 5)
     whole = write_samples(tmp_path / "a.tar", [studio.sample(Choice(name="place"), 0)])
     monkeypatch.setattr("geoprior.shards.sample._BLOCK_BYTES", 3 * 50 * 9 + 1)
-    assert sum(1 for _ in studio.sample(Choice(name="place"), 0).frames["hand"]()) == 4
+    assert sum(1 for _ in studio.sample(Choice(name="place"), 0).frames["hand"]) == 4
     parts = write_samples(tmp_path / "b.tar", [studio.sample(Choice(name="place"), 0)])
     assert whole.sha256 == parts.sha256

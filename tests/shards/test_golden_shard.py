@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from geoprior.shards.episode import CameraHeader, EpisodeHeader
+from geoprior.episode import CameraHeader, EpisodeHeader
 from geoprior.shards.golden import FILE, ZLIB, golden_episodes, write_golden
 from geoprior.shards.manifest import Manifest, ShardRecord, read_manifest
 from geoprior.shards.reader import EpisodeStore

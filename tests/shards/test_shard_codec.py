@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from PIL import Image
 
-from geoprior.render.frames import FrameFormat
+from geoprior.episode import FrameFormat
 from geoprior.shards.codec import (
     decode_header,
     decode_npy,

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from geoprior.episode import validate_poses
 from geoprior.geometry.projection import View
 from geoprior.geometry.se3 import invert
 from geoprior.options import Choice
-from geoprior.shards.episode import validate_poses
 from geoprior.sim.demos import AttemptTask, record_expert
 from geoprior.sim.environment import Environment, UnstablePhysicsError
 from geoprior.sim.judge import Judge

@@ -19,9 +19,10 @@ from geoprior.sim.ensembling import blend
 from geoprior.sim.environment import Environment
 from geoprior.sim.rollout import CheckpointRef, _require_same_body
 from geoprior.sim.setting import Setting
-from geoprior.sim.tasks.pick import PickConfig, PickTask
+from geoprior.sim.tasks.pick.config import PickConfig
+from geoprior.sim.tasks.pick.task import PickTask
+from geoprior.sim.tasks.pick.world import PickWorld
 from geoprior.sim.trial import _usable
-from geoprior.sim.worlds.pick import PickWorld
 from geoprior.sim.worlds.tabletop import START_REACH
 
 ARMS = {"near": ("ur5e", -0.5), "middle": ("xarm7", 0.0), "far": ("kinova3", 0.5)}

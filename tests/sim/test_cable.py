@@ -9,13 +9,19 @@ import pytest
 from pydantic import ValidationError
 from task_checks import corners_of, hold, third_view
 
+from geoprior.episode import validate_poses
 from geoprior.geometry.projection import in_view
 from geoprior.hooks.manager import plugins
 from geoprior.options import Choice
-from geoprior.shards.episode import validate_poses
 from geoprior.sim.demos import AttemptTask, record_expert
+from geoprior.sim.tasks.cable.small_cable import (
+    LARGEST_BEND,
+    PLUG_HALF_SIZE,
+    SEGMENT_LENGTH,
+    SEGMENTS,
+    outline,
+)
 from geoprior.sim.workers import Setup, environment
-from geoprior.sim.worlds.small_cable import LARGEST_BEND, PLUG_HALF_SIZE, SEGMENT_LENGTH, SEGMENTS, outline
 from geoprior.sim.worlds.tabletop import TABLE_TOP
 
 SEEDS = range(40)

@@ -9,13 +9,13 @@ import pytest
 from pydantic import ValidationError
 from task_checks import corners_of, hold, third_view
 
+from geoprior.episode import validate_poses
 from geoprior.geometry.projection import in_view
 from geoprior.hooks.manager import plugins
 from geoprior.options import Choice
-from geoprior.shards.episode import validate_poses
 from geoprior.sim.demos import AttemptTask, record_expert
+from geoprior.sim.tasks.close.world import FACING, MIDDLE, OPEN
 from geoprior.sim.workers import Setup, environment
-from geoprior.sim.worlds.close import FACING, MIDDLE, OPEN
 
 SEEDS = range(40)
 ARMS = ["ur5e", *(pytest.param(arm, marks=pytest.mark.slow) for arm in ("xarm7", "kinova3"))]

@@ -10,8 +10,8 @@ from geoprior.geometry.projection import in_view
 from geoprior.geometry.se3 import apply, invert
 from geoprior.hooks.manager import plugins
 from geoprior.options import Choice
+from geoprior.sim.tasks.door.small_door import HANDLE_POSITION, PANEL_SIZE, POST_OFFSET
 from geoprior.sim.workers import Setup, environment
-from geoprior.sim.worlds.small_door import HANDLE_POSITION, PANEL_SIZE, POST_OFFSET
 
 SEEDS = range(100)
 PLACE, YAW = np.array([-0.12, -0.2]), np.radians(160.0)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from geoprior.episode import validate_poses
 from geoprior.geometry.camera import CamerasConfig
 from geoprior.hooks.manager import plugins
 from geoprior.options import Choice
-from geoprior.shards.episode import validate_poses
 from geoprior.sim.demos import AttemptTask, record_expert
 from geoprior.sim.environment import Environment
 from geoprior.sim.experts.path import Waypoint, commands_in, follow, hand_down

@@ -6,7 +6,7 @@ import pytest
 
 from geoprior.geometry.se3 import apply
 from geoprior.sim.experts.grasp import CLOSING_TENTHS
-from geoprior.sim.worlds.place import INNER_HALF_SIZE, WALL_HEIGHT
+from geoprior.sim.tasks.place.world import INNER_HALF_SIZE, WALL_HEIGHT
 
 GOAL, YAW = np.array([-0.02, 0.06]), 0.6
 FREE = INNER_HALF_SIZE - 0.021

@@ -8,9 +8,9 @@ from geoprior.geometry.camera import CamerasConfig
 from geoprior.hooks.manager import plugins
 from geoprior.options import Choice
 from geoprior.policies.normalise import Normaliser
-from geoprior.shards.config import GenerateConfig
-from geoprior.shards.generate import generate
 from geoprior.sources.source import SourceContext
+from geoprior.synthesis.config import GenerateConfig
+from geoprior.synthesis.generate import generate
 from geoprior.training.config import TrainConfig
 from geoprior.training.data import Batches, features_of, statistics_of
 

@@ -18,8 +18,8 @@ from geoprior import MotionSpec, hookimpl
 from geoprior.errors import ConfigError, PluginError
 from geoprior.hooks.manager import plugins
 from geoprior.options import Choice, Options
-from geoprior.shards.synthesis import synthesise
 from geoprior.sources.source import targets_of
+from geoprior.synthesis.studio import synthesise
 from geoprior.training.data import features_of, statistics_of
 from geoprior.training.order import steps_until
 
@@ -189,7 +189,7 @@ class Hasty:
 
 def test_a_motion_of_another_length_is_named(source_of, fresh_plugins, monkeypatch):
     fresh_plugins.register(Hasty(), name="hasty", package="tests", version="1")
-    monkeypatch.setattr("geoprior.shards.synthesis.plugins", lambda: fresh_plugins)
+    monkeypatch.setattr("geoprior.synthesis.studio.plugins", lambda: fresh_plugins)
     config = GENERATE.model_copy(update={"motions": [Choice(name="hasty")]})
     with pytest.raises(PluginError, match="motion 'hasty': planned 10 time steps where 20"):
         source_of("endless", config=config, workers=0)

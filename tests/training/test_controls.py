@@ -12,10 +12,10 @@ from geoprior.errors import ConfigError, DataError
 from geoprior.geometry.camera import CamerasConfig
 from geoprior.policies.checkpoint import list_checkpoints, load_checkpoint
 from geoprior.policies.normalise import merge
-from geoprior.shards.config import GenerateConfig
 from geoprior.shards.reader import EpisodeStore
 from geoprior.sources.blind import BlindSource
 from geoprior.sources.shards import ShardSource
+from geoprior.synthesis.config import GenerateConfig
 from geoprior.training.config import ConditionConfig, FinetuneConfig, PretrainConfig
 from geoprior.training.data import statistics_of
 from geoprior.training.loop import fit

@@ -18,8 +18,8 @@ from geoprior.geometry.camera import CamerasConfig
 from geoprior.hooks.manager import plugins
 from geoprior.options import Choice
 from geoprior.policies.checkpoint import list_checkpoints, load_checkpoint
-from geoprior.shards.config import GenerateConfig
-from geoprior.shards.generate import generate
+from geoprior.synthesis.config import GenerateConfig
+from geoprior.synthesis.generate import generate
 from geoprior.training.config import PretrainConfig
 from geoprior.training.stages import pretrain
 

@@ -17,13 +17,13 @@ from geoprior.geometry.camera import CamerasConfig
 from geoprior.hooks.manager import plugins
 from geoprior.options import Choice
 from geoprior.policies.checkpoint import list_checkpoints
-from geoprior.shards.config import GenerateConfig
-from geoprior.shards.generate import generate
 from geoprior.shards.manifest import write_manifest
 from geoprior.shards.reader import EpisodeStore
-from geoprior.shards.synthesis import Studio
 from geoprior.shards.verify import info, verify
 from geoprior.sources.source import SourceContext
+from geoprior.synthesis.config import GenerateConfig
+from geoprior.synthesis.generate import generate
+from geoprior.synthesis.studio import Studio
 from geoprior.training.config import PretrainConfig
 from geoprior.training.stages import pretrain
 from geoprior.view.subject import staged_subject
@@ -149,7 +149,7 @@ def test_kinds_do_not_mix_in_one_folder(renderer, folder, tmp_path):
     generate(config(renderer), CAMERAS, seed=SEED, executor=SerialExecutor(), out=tmp_path)
     with pytest.raises(DataError, match="made from another config"):
         generate(mixed, CAMERAS, seed=SEED, executor=SerialExecutor(), out=tmp_path)
-    from geoprior.shards.generate import make_shard, plan_shards
+    from geoprior.synthesis.generate import make_shard, plan_shards
 
     tasks = plan_shards(mixed, CAMERAS, SEED, tmp_path)
     first = EpisodeStore(folder).manifest.shards

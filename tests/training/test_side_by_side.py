@@ -14,7 +14,7 @@ from training_material import TINY_ACT, write_demonstrations
 from geoprior.errors import DataError, MachineError
 from geoprior.executors.local import LocalConfig, LocalExecutor, SerialExecutor
 from geoprior.geometry.camera import CamerasConfig
-from geoprior.shards.config import GenerateConfig
+from geoprior.synthesis.config import GenerateConfig
 from geoprior.training.config import ConditionConfig, FinetuneConfig, PretrainConfig
 from geoprior.training.machine import decide_machine
 from geoprior.training.side_by_side import logged_epoch

@@ -15,9 +15,9 @@ from geoprior.hooks.manager import plugins
 from geoprior.options import Choice
 from geoprior.policies.checkpoint import list_checkpoints, load_checkpoint, load_predictor
 from geoprior.policies.normalise import merge
-from geoprior.shards.config import GenerateConfig
 from geoprior.shards.reader import EpisodeStore
 from geoprior.sources.shards import ShardSource
+from geoprior.synthesis.config import GenerateConfig
 from geoprior.training.config import ConditionConfig, FinetuneConfig, PretrainConfig
 from geoprior.training.data import statistics_of
 from geoprior.training.loop import fit

@@ -3,10 +3,10 @@
 import numpy as np
 import torch
 
+from geoprior.episode import CameraHeader, Episode, EpisodeHeader
 from geoprior.options import Choice
 from geoprior.policies.checkpoint import CheckpointHeader
 from geoprior.policies.normalise import Normaliser
-from geoprior.shards.episode import CameraHeader, Episode, EpisodeHeader
 from geoprior.shards.manifest import write_manifest
 from geoprior.shards.writer import write_shard
 from geoprior.sources.shards import ShardSource

@@ -4,7 +4,7 @@ import pytest
 
 from geoprior.config import load_config
 from geoprior.hooks.manager import plugins
-from geoprior.shards.synthesis import Studio
+from geoprior.synthesis.studio import Studio
 from geoprior.view.subject import staged_subject
 from geoprior.view.world import world_of
 

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from geoprior.shards.episode import Episode
+from geoprior.episode import Episode
 from geoprior.shards.golden import golden_episodes
 from geoprior.shards.manifest import write_manifest
 from geoprior.shards.reader import EpisodeStore

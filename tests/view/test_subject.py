@@ -6,8 +6,8 @@ import pytest
 
 from geoprior.errors import ConfigError
 from geoprior.executors.local import SerialExecutor
-from geoprior.shards.generate import generate, plan_shards
 from geoprior.shards.reader import EpisodeStore
+from geoprior.synthesis.generate import generate, plan_shards
 from geoprior.view.subject import parse_episode, staged_subject, stored_subject, with_points
 
 

@@ -9,13 +9,13 @@ import numpy as np
 
 from geoprior.conformance.check import Check, digest, refuse, require, require_array
 from geoprior.conformance.material import scene
+from geoprior.episode import POSE_SIZE
 from geoprior.errors import ConfigError
 from geoprior.geometry.se3 import apply
 from geoprior.geometry.seeding import generator
 from geoprior.hooks.types import MotionSpec
 from geoprior.motions.trajectory import Trajectory, ways_of_objects
 from geoprior.scene.scene import Scene
-from geoprior.shards.episode import POSE_SIZE
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

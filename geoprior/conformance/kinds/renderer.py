@@ -9,6 +9,7 @@ import numpy as np
 
 from geoprior.conformance.check import Check, digest, refuse, require
 from geoprior.conformance.material import CAMERAS, builtins, scene
+from geoprior.episode import FrameKind
 from geoprior.errors import PluginError
 from geoprior.geometry.projection import View
 from geoprior.geometry.se3 import look_at
@@ -17,7 +18,7 @@ from geoprior.hooks.types import Motion, RendererSpec
 from geoprior.options import Choice
 from geoprior.render import rig
 from geoprior.render.clouds import Cloud, Shot
-from geoprior.render.frames import FrameKind, draw, frame_kind
+from geoprior.render.frames import draw, frame_kind
 from geoprior.render.packing import pack_frames, unpack_frames
 from geoprior.scene.scene import make_view
 

@@ -7,10 +7,10 @@ import numpy as np
 from geoprior.conformance.check import Check, refuse, require
 from geoprior.conformance.common import require_own_name
 from geoprior.conformance.stage import demonstrate, world_with
+from geoprior.episode import POSE_SIZE
 from geoprior.errors import DataError
 from geoprior.geometry.se3 import apply, invert, transforms_of_poses
 from geoprior.hooks.types import RobotSpec
-from geoprior.shards.episode import POSE_SIZE
 
 SEEDS = range(4)
 NEAR = 0.012

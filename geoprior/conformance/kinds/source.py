@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from geoprior.conformance.check import Check, digest, require, require_array
+from geoprior.episode import POSE_SIZE
 from geoprior.geometry.camera import CamerasConfig
 from geoprior.hooks.types import SourceSpec
-from geoprior.shards.config import GenerateConfig
-from geoprior.shards.episode import POSE_SIZE
 from geoprior.sources.source import SourceContext, targets_of
+from geoprior.synthesis.config import GenerateConfig
 
 if TYPE_CHECKING:
     from geoprior.sources.source import Source
@@ -29,8 +29,8 @@ LONGEST_CHUNK = 3
 @contextmanager
 def _opened(spec: SourceSpec, cache_bytes: int = 0) -> Iterator[Source]:
     """The source over a tiny data set that a generate stage could have written."""
-    from geoprior.shards.generate import make_shard, plan_shards
     from geoprior.shards.manifest import write_manifest
+    from geoprior.synthesis.generate import make_shard, plan_shards
 
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder)

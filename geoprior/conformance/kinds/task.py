@@ -9,8 +9,8 @@ import numpy as np
 from geoprior.conformance.check import Check, digest, require, require_array
 from geoprior.conformance.common import require_own_name
 from geoprior.conformance.stage import demonstrate, frames, world_with
+from geoprior.episode import POSE_SIZE
 from geoprior.hooks.types import TaskSpec
-from geoprior.shards.episode import POSE_SIZE
 
 if TYPE_CHECKING:
     from geoprior.sim.environment import Environment

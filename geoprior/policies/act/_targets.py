@@ -9,8 +9,8 @@ from collections.abc import Sequence
 
 from torch import Tensor, nn
 
+from geoprior.episode import HAND_AXES
 from geoprior.policies.targets import UNIT, axis_of
-from geoprior.shards.targets import HAND_AXES
 
 _WIDTH = 32
 """Of what a head takes from each token: their number grows with the image, and the head must not."""

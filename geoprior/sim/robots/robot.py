@@ -20,7 +20,7 @@ class RobotConfig(Options):
     controller: Literal["fast", "exact"] = Field(
         "fast",
         description="`exact` steps as robosuite does, to the last bit; `fast` agrees to rounding and costs "
-        "less (`geoprior bench rollout`).",
+        "less (`python -m benchmarks rollout`).",
     )
 
 

@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from geoprior.episode import WORLD, can_be_told_apart
 from geoprior.errors import PluginError
 from geoprior.geometry.se3 import (
     REFERENCE_QUATERNION,
@@ -19,7 +20,6 @@ from geoprior.geometry.se3 import (
 )
 from geoprior.geometry.seeding import generator
 from geoprior.scene.hand import HAND
-from geoprior.shards.episode import WORLD, can_be_told_apart
 from geoprior.sim.arm import Arm
 from geoprior.sim.backend import prepare_robosuite
 from geoprior.sim.kinematics import solve_joints

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from geoprior.shards.episode import POSE_SIZE
+from geoprior.episode import POSE_SIZE
 from geoprior.sim.experts.grasp import CLOSING_TENTHS
 from geoprior.sim.experts.path import Waypoint, commands_in, follow, hand_down
 

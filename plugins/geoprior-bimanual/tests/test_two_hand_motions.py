@@ -11,8 +11,8 @@ from geoprior.geometry.camera import CamerasConfig
 from geoprior.geometry.se3 import apply, invert
 from geoprior.options import Choice
 from geoprior.scene.scene import Scene
-from geoprior.shards.config import GenerateConfig
-from geoprior.shards.synthesis import Studio, Take
+from geoprior.synthesis.config import GenerateConfig
+from geoprior.synthesis.studio import Studio, Take
 from geoprior.testing import Case, cases
 
 MOTIONS = ("carry-together", "hand-over")

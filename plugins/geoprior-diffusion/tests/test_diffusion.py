@@ -17,8 +17,8 @@ from geoprior.hooks.manager import plugins
 from geoprior.options import Choice
 from geoprior.policies.checkpoint import load_checkpoint, load_weights
 from geoprior.policies.policy import Features
-from geoprior.shards.config import GenerateConfig
-from geoprior.shards.generate import generate
+from geoprior.synthesis.config import GenerateConfig
+from geoprior.synthesis.generate import generate
 from geoprior.training.config import PretrainConfig
 from geoprior.training.stages import pretrain
 

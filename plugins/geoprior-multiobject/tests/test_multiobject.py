@@ -16,8 +16,8 @@ from geoprior.hooks.manager import plugins
 from geoprior.motions.trajectory import ways_of_objects
 from geoprior.options import Choice
 from geoprior.render import rig
-from geoprior.shards.config import GenerateConfig
-from geoprior.shards.synthesis import Studio
+from geoprior.synthesis.config import GenerateConfig
+from geoprior.synthesis.studio import Studio
 
 EPISODES = range(25)
 STACK, PICK = Choice(name="stack"), Choice(name="pick-among")

@@ -10,10 +10,10 @@ import numpy as np
 from pydantic import Field
 
 from geoprior import RendererSpec, hookimpl
+from geoprior.episode import FrameKind
 from geoprior.geometry.projection import NEAREST, project
 from geoprior.geometry.se3 import apply
 from geoprior.options import Options
-from geoprior.render.frames import FrameKind
 from geoprior.render.packing import pack_frames
 
 if TYPE_CHECKING:

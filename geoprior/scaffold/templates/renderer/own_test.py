@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from geoprior.episode import KINDS
 from geoprior.geometry.projection import View
 from geoprior.render import rig
 from geoprior.render.clouds import Cloud, Shot
-from geoprior.render.frames import KINDS
 from geoprior.scaffold.templates.renderer import MyPlugin, MyPluginConfig
 
 

@@ -1,1 +1,0 @@
-"""What is measured: functions that return plain numbers."""
