@@ -139,7 +139,7 @@ def test_a_wrong_mujoco_ends_with_5_and_the_pip_line(tmp_path):
     metadata.mkdir()
     (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: mujoco\nVersion: 3.10.0\n")
     done = geoprior("run", "--out", tmp_path / "run", PYTHONPATH=str(tmp_path))
-    assert_sentence(done, 5, "mujoco: 3.10.0 is installed", "pip install 'mujoco")
+    assert_sentence(done, 5, "mujoco: 3.10.0 is installed", "pip install 'geoprior[sim]'")
 
 
 @pytest.mark.parametrize(

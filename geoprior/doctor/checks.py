@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib import metadata
+from importlib.util import find_spec
 from pathlib import Path
 
 from packaging.requirements import Requirement
@@ -21,6 +22,7 @@ GL_BACKENDS = {"egl": remedies.EGL, "osmesa": remedies.OSMESA}
 GL_VARIABLE = "MUJOCO_GL"
 PROBE_SECONDS = 120.0
 FREE_BYTES = 1 << 30
+SIMULATION = ("mujoco", "robosuite")
 
 
 @dataclass(frozen=True)
@@ -47,15 +49,27 @@ def examine(folder: Path | None = None, *, rendering: bool = True) -> list[Findi
 
     Args:
         folder: Where a run would write; its disk is checked too.
-        rendering: Whether GL is needed: a machine that trains alone may have none.
+        rendering: Whether arms are simulated, for which the extra `sim` and GL are needed: a machine that
+            trains alone may have neither.
     """
-    findings = [*_requirements(), *_opencv()]
-    if rendering:
+    findings = [*_requirements("sim" if rendering else ""), *_opencv()]
+    if rendering and all(finding.good for finding in findings if finding.mend == remedies.SIM):
         findings += render_backends()
     if folder is not None:
         findings.append(_disk(folder))
     findings.append(_cores())
     return findings
+
+
+def is_simulation_installed() -> bool:
+    """Whether what the extra `sim` installs is there."""
+    return all(find_spec(name) is not None for name in SIMULATION)
+
+
+def without_simulation() -> Finding:
+    """What the doctor says of a machine on which nothing can be simulated."""
+    text = "not installed; generate, pretrain, finetune, report, shards and export work without"
+    return Finding("simulation", good=False, text=text, mend=remedies.SIM, needed=False)
 
 
 def require_fit(findings: Sequence[Finding]) -> None:
@@ -120,17 +134,17 @@ def _try_backend(backend: str) -> Finding:
     return Finding(name, good=False, text=reason, mend=mend)
 
 
-def _requirements() -> Iterator[Finding]:
+def _requirements(extra: str = "") -> Iterator[Finding]:
     """Compare what is installed with the ranges that geoprior's own metadata declares."""
     for text in metadata.requires("geoprior") or []:
         requirement = Requirement(text)
-        if requirement.marker is not None and not requirement.marker.evaluate({"extra": ""}):
-            continue
-        yield _requirement(requirement)
+        if requirement.marker is None or requirement.marker.evaluate({"extra": ""}):
+            yield _requirement(requirement, f"pip install '{requirement}'")
+        elif extra and requirement.marker.evaluate({"extra": extra}):
+            yield _requirement(requirement, remedies.SIM)
 
 
-def _requirement(requirement: Requirement) -> Finding:
-    mend = f"pip install '{requirement}'"
+def _requirement(requirement: Requirement, mend: str) -> Finding:
     try:
         version = metadata.version(requirement.name)
     except metadata.PackageNotFoundError:

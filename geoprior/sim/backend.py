@@ -12,9 +12,11 @@ import logging
 import os
 import warnings
 from functools import lru_cache
+from importlib.util import find_spec
 
 from geoprior.errors import MachineError
 
+SIM_REMEDY = "pip install 'geoprior[sim]'"
 GL_REMEDY = "apt-get install libegl1 libgl1-mesa-dri (EGL), or libosmesa6 with MUJOCO_GL=osmesa"
 BACKENDS = ("egl", "osmesa")
 _LIBRARIES = {
@@ -48,6 +50,17 @@ def choose_gl() -> str:
     raise MachineError(f"OpenGL: no library for {tried} on this machine", GL_REMEDY)
 
 
+def require_simulation() -> None:
+    """Refuse to simulate where the extra `sim` is not installed.
+
+    Raises:
+        MachineError: mujoco or robosuite is missing.
+    """
+    missing = [name for name in ("mujoco", "robosuite") if find_spec(name) is None]
+    if missing:
+        raise MachineError(f"arms cannot be simulated here: {missing[0]} is not installed", SIM_REMEDY)
+
+
 @lru_cache(maxsize=1)
 def prepare_robosuite() -> None:
     """Import robosuite with its set-up advice muted; its warnings from then on and all errors are heard.
@@ -63,7 +76,7 @@ def prepare_robosuite() -> None:
             warnings.simplefilter("ignore")
             import robosuite  # noqa: F401 - for its side effects: it registers its environments
     except ImportError as error:
-        raise MachineError(f"robosuite cannot be imported: {error}", "pip install geoprior again") from error
+        raise MachineError(f"robosuite cannot be imported: {error}", SIM_REMEDY) from error
     finally:
         advice.removeFilter(_below_error)
     # What is left below a warning is the action space's layout, said at every reset.

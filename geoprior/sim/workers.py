@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from geoprior.geometry.camera import CamerasConfig
 from geoprior.hooks.manager import plugins
 from geoprior.options import Choice
+from geoprior.sim.backend import require_simulation
 
 if TYPE_CHECKING:
     from geoprior.sim.environment import Environment
@@ -50,6 +51,7 @@ def environments(setup: Setup, control_rate: int, count: int) -> list[Environmen
     Raises:
         GeopriorError: As `environment`.
     """
+    require_simulation()
     found = plugins()
     made = _kept(
         found.resolve("robot", setup.robot).model_dump_json(),

@@ -8,6 +8,7 @@ from packaging.requirements import Requirement
 from geoprior.doctor import checks
 from geoprior.doctor.checks import Finding
 from geoprior.errors import MachineError
+from geoprior.sim import backend
 
 
 def finding(name, *, good, needed=True, mend="mend it"):
@@ -21,17 +22,42 @@ def test_this_machine_is_fit():
 def test_a_wrong_mujoco_is_named_with_the_pip_line(monkeypatch):
     real = metadata.version
     monkeypatch.setattr(checks.metadata, "version", lambda name: "3.10.0" if name == "mujoco" else real(name))
-    findings = {found.name: found for found in checks._requirements()}
+    findings = {found.name: found for found in checks._requirements("sim")}
     assert not findings["mujoco"].good
     assert "3.10.0" in findings["mujoco"].text
-    assert findings["mujoco"].mend.startswith("pip install 'mujoco")
+    assert findings["mujoco"].mend == "pip install 'geoprior[sim]'"
     with pytest.raises(MachineError, match=r"mujoco: 3\.10\.0 is installed"):
         checks.require_fit(list(findings.values()))
 
 
 def test_a_missing_package_is_named():
-    missing = checks._requirement(Requirement("no-such-package-of-ours>=1"))
-    assert (missing.good, missing.text) == (False, "not installed")
+    missing = checks._requirement(Requirement("no-such-package-of-ours>=1"), "pip install it")
+    assert (missing.good, missing.text, missing.mend) == (False, "not installed", "pip install it")
+
+
+def test_a_machine_without_the_extra_trains_and_is_told_how_to_simulate(monkeypatch):
+    """What the extra brings is missing: nothing is wrong until a stage has to simulate."""
+    real = metadata.version
+
+    def version(name):
+        if name in checks.SIMULATION:
+            raise metadata.PackageNotFoundError(name)
+        return real(name)
+
+    monkeypatch.setattr(checks.metadata, "version", version)
+    monkeypatch.setattr(checks, "render_backends", lambda: pytest.fail("nothing can be rendered"))
+    checks.require_fit(checks.examine(rendering=False))
+    with pytest.raises(MachineError, match="not installed") as caught:
+        checks.require_fit(checks.examine(rendering=True))
+    assert caught.value.hint == "pip install 'geoprior[sim]'"
+    assert not checks.without_simulation().needed
+
+
+def test_simulating_without_the_extra_is_refused_in_words(monkeypatch):
+    monkeypatch.setattr(backend, "find_spec", lambda name: None)
+    with pytest.raises(MachineError, match="mujoco is not installed") as caught:
+        backend.require_simulation()
+    assert caught.value.hint == "pip install 'geoprior[sim]'"
 
 
 def test_a_backend_that_cannot_render_comes_with_its_apt_line(monkeypatch):
