@@ -1,12 +1,15 @@
 """Checkpoints come back as they were, or are refused by name."""
 
 import json
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
+from geoprior import load_policy
 from geoprior.errors import ConfigError, DataError
 from geoprior.files import sha256_file
 from geoprior.options import Choice
@@ -366,3 +369,19 @@ def test_the_trunk_of_a_policy_without_one_is_refused(saved, make_act, monkeypat
     monkeypatch.setattr(type(policy), "trunk_prefixes", ())
     with pytest.raises(ConfigError, match="has no trunk, so nothing would be taken"):
         load_weights(policy, saved[0], "trunk")
+
+
+def test_the_readme_shows_how_a_policy_is_used(saved, capsys):
+    """Its lines run as they stand, on a checkpoint of this run instead of the quickstart's."""
+    readme = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+    (block,) = (
+        part for part in re.findall(r"```python\n(.*?)```", readme, re.DOTALL) if "load_policy" in part
+    )
+    lines = re.sub(r'load_policy\(".*?"\)', f"load_policy({str(saved[0])!r})", block)
+    exec(compile(lines, "README.md", "exec"), {})
+    assert len(capsys.readouterr().out.split()) >= 8
+
+
+def test_loading_a_policy_is_refused_in_words(tmp_path):
+    with pytest.raises(DataError, match=r"none\.safetensors"):
+        load_policy(tmp_path / "none.safetensors")
