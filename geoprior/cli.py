@@ -258,8 +258,8 @@ def plugins_new(name: str, kind: str, out: Path) -> None:
 
     NAME is what a config will call it: lower-case letters, digits and dashes. The package is geoprior-NAME.
     """
+    from geoprior.authoring.scaffold.write import next_commands, write_package
     from geoprior.hooks.manager import plugins
-    from geoprior.scaffold.write import next_commands, write_package
 
     folder = write_package(name, kind, out, plugins())
     click.echo(f"{folder}: a package that adds the {kind} {folder.name.removeprefix('geoprior-')!r}. Next:")
@@ -276,7 +276,7 @@ def plugins_check(name: str, quick: bool, as_json: bool) -> None:  # noqa: FBT00
 
     NAME is that of a package or of one of its entry points; `geoprior` checks the built-ins.
     """
-    from geoprior.conformance.command import check
+    from geoprior.authoring.conformance.command import check
     from geoprior.errors import PluginError
     from geoprior.hooks.manager import plugins
 

@@ -12,7 +12,7 @@ from hypothesis import settings
 settings.register_profile("no-deadline", deadline=None)
 settings.load_profile("no-deadline")
 
-pytest_plugins = ["geoprior.testing"]
+pytest_plugins = ["geoprior.authoring.testing"]
 # `make test-core` has an environment without the extra `sim`: what is left must work there.
 NEEDS_SIMULATION = (
     "sim/*",

@@ -8,7 +8,7 @@ from command_line import geoprior
 from hook_material import install
 
 from geoprior import PrimitiveSpec, TrainStep, __version__, hookimpl
-from geoprior.conformance.command import check
+from geoprior.authoring.conformance.command import check
 from geoprior.errors import ConfigError, NumericalError, PluginError
 from geoprior.hooks.manager import Plugins
 from geoprior.options import Choice, Options

@@ -9,8 +9,8 @@ from click.testing import CliRunner
 from depth_plugin import Depth, DepthConfig, DepthPlugin
 from training_material import TINY_ACT
 
+from geoprior.authoring.conformance.suite import OK, examine
 from geoprior.cli import cli
-from geoprior.conformance.suite import OK, examine
 from geoprior.errors import DataError, PluginError
 from geoprior.executors.local import SerialExecutor
 from geoprior.geometry.camera import CamerasConfig

@@ -7,6 +7,7 @@ import geoprior_bimanual.lift_pot
 import numpy as np
 import pytest
 
+from geoprior.authoring.testing import Case, cases
 from geoprior.errors import ConfigError
 from geoprior.geometry.camera import CamerasConfig
 from geoprior.options import Choice
@@ -14,7 +15,6 @@ from geoprior.sim.demos import AttemptTask, record_expert
 from geoprior.sim.environment import Environment
 from geoprior.sim.judge import Judge
 from geoprior.sim.workers import Setup, environment
-from geoprior.testing import Case, cases
 
 CAMERAS = CamerasConfig(height=64, width=64)
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from geoprior_bimanual import HANDS
 
+from geoprior.authoring.testing import Case, cases
 from geoprior.errors import ConfigError
 from geoprior.geometry.camera import CamerasConfig
 from geoprior.geometry.se3 import apply, invert
@@ -13,7 +14,6 @@ from geoprior.options import Choice
 from geoprior.scene.scene import Scene
 from geoprior.synthesis.config import GenerateConfig
 from geoprior.synthesis.studio import Studio, Take
-from geoprior.testing import Case, cases
 
 MOTIONS = ("carry-together", "hand-over")
 CONFIG = GenerateConfig(fps=10, seconds=6, motions=[Choice(name=name) for name in MOTIONS])

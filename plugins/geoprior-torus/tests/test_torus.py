@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from geoprior_torus import geoprior_primitives, torus_mesh
 
-from geoprior.testing import assert_closed, assert_primitive_conforms
+from geoprior.authoring.testing import assert_closed, assert_primitive_conforms
 
 
 def test_it_keeps_the_contract_of_a_primitive():

@@ -1,1 +1,0 @@
-"""The contract of each kind, one module a kind; its ``CHECKS`` are what `geoprior.conformance` runs."""
