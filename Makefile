@@ -4,11 +4,13 @@ VENV ?= .venv
 OUT ?= runs/quickstart
 TEST_WORKERS ?= 2
 NAME ?= quickstart
+CORE_VENV ?= .venv-core
+CORE_TESTS ?= $(addprefix tests/,geometry scene motions render synthesis shards sources policies training study doctor hooks executors)
 BIN := $(VENV)/bin
 INSTALL = $(BIN)/pip install --quiet --constraint constraints.txt
 
 .DEFAULT_GOAL := help
-.PHONY: help run test test-slow lint format bench clean
+.PHONY: help run test test-slow test-core lint format bench clean
 
 help:  ## Show this list
 	@awk -F':.*## ' '/^[a-z-]+:.*## / {printf "make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -26,6 +28,9 @@ test: $(VENV)/.installed-dev  ## Check style, types and layers, and run the fast
 test-slow: $(VENV)/.installed-dev  ## Run the tests that take minutes
 	$(BIN)/python -m pytest -m slow
 
+test-core: $(CORE_VENV)/.installed  ## Run the tests that need no simulation, with numpy 2 and without mujoco and robosuite
+	$(CORE_VENV)/bin/python -m pytest -n $(TEST_WORKERS) --dist worksteal $(CORE_TESTS)
+
 lint: $(VENV)/.installed-dev  ## Check style, types and layers
 	$(BIN)/ruff format --check . && $(BIN)/ruff check . && $(BIN)/mypy && $(BIN)/lint-imports
 
@@ -36,7 +41,7 @@ bench: $(VENV)/.installed-dev  ## Measure: NAME=quickstart by default; `python -
 	$(BIN)/python -m benchmarks $(NAME) $(BENCH_ARGUMENTS)
 
 clean:  ## Remove the virtual environment and caches, not the runs
-	rm -rf $(VENV) build .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache *.egg-info
+	rm -rf $(VENV) $(CORE_VENV) build .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache *.egg-info
 
 $(VENV)/bin/pip:
 	@command -v $(PYTHON) >/dev/null || { echo "missing: $(PYTHON)"; \
@@ -52,4 +57,9 @@ $(VENV)/.installed: pyproject.toml constraints.txt | $(VENV)/bin/pip
 
 $(VENV)/.installed-dev: pyproject.toml constraints.txt | $(VENV)/.installed
 	$(INSTALL) --editable '.[sim,dev]'
+	touch $@
+
+$(CORE_VENV)/.installed: pyproject.toml
+	$(PYTHON) -m venv $(CORE_VENV)
+	$(CORE_VENV)/bin/pip install --quiet --editable '.[dev]' 'numpy>=2' "$$(grep ^torch== constraints.txt)"
 	touch $@

@@ -14,7 +14,7 @@ def test_direction_is_the_horizontal_unit_vector(seed):
     direction = push_direction(centre, goal)
     assert direction[2] == 0.0
     assert np.linalg.norm(direction) == pytest.approx(1.0)
-    np.testing.assert_allclose(np.cross(direction[:2], (goal - centre)[:2]), 0.0, atol=1e-12)
+    np.testing.assert_allclose(np.cross(direction, goal - centre)[2], 0.0, atol=1e-12)
     assert direction @ (goal - centre) > 0.0
     assert np.linalg.det(push_rotation(direction)) == pytest.approx(1.0)
 
