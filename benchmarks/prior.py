@@ -2,7 +2,7 @@
 
     python -m benchmarks prior --out runs/prior --json benchmarks/results/prior.json
 
-For every root seed it trains the prior of each recipe (`benchmarks/prior/NAME.yaml`), collects 20
+For every root seed it trains the prior of each recipe (`benchmarks/prior/NAME.yaml`), probes it, collects 20
 demonstrations of each task on its arm, fine-tunes on them from every beginning, and rolls the checkpoints out
 on the same unseen initial states. Nothing was tuned on these root seeds, demonstrations or initial states.
 
@@ -13,15 +13,20 @@ root seeds. Time is not measured, so other work does no harm.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
-from benchmarks.metrics import Metric, as_lines, at_least, report
+from benchmarks.metrics import Metric, as_lines, at_least, at_most, report
+from benchmarks.prior_factors import metrics_of as probes_of
+from benchmarks.prior_factors import probe_on_arms
 from geoprior.config import RunConfig, load_config
 from geoprior.executors.local import LocalConfig, LocalExecutor, SerialExecutor
 from geoprior.files import write_json
 from geoprior.hooks.manager import plugins
+from geoprior.policies.checkpoint import checkpoint_path
 from geoprior.sim.demos import collect
 from geoprior.sim.records import TrialRecord
 from geoprior.sim.rollout import evaluate, find_checkpoints
@@ -38,7 +43,11 @@ TASKS = {"pick": ("ur5e", 8.0, 45.0), "place": ("xarm7", 12.0, 30.0), "push": ("
 """Arm, time limit in seconds, and the points of area by which the prior shall beat scratch."""
 BEST = {"pick": 90.0, "place": 70.0, "push": 50.0}
 """Success at the best fixed checkpoint that the prior shall reach, in percent."""
-PARTS = ("priors", "trainings", "rollouts")
+GOALS_OF_SIGHT: dict[str, Callable[[str, float, str], Metric]] = {
+    "vision gain on pick over its shuffled L1": partial(at_least, goal=0.6),
+    "L1 over the better baseline's": partial(at_most, goal=0.55),
+}
+PARTS = ("priors", "probes", "trainings", "rollouts")
 
 
 @dataclass(frozen=True)
@@ -69,10 +78,15 @@ def prior_folder(out: Path, recipe: str, seed: int) -> Path:
     return out / "priors" / f"{recipe}-{seed}"
 
 
+def config_of_prior(prior: Prior) -> RunConfig:
+    """What a prior is trained as."""
+    overrides = (f"seed={prior.seed}", "pretrain.threads=1")
+    return load_config(HERE / f"{prior.recipe}.yaml", overrides, plugins())
+
+
 def make_prior(prior: Prior) -> None:
     """Train one prior, or go on with it."""
-    overrides = (f"seed={prior.seed}", "pretrain.threads=1")
-    config = load_config(HERE / f"{prior.recipe}.yaml", overrides, plugins())
+    config = config_of_prior(prior)
     shards = prior.out / "shards" / f"{prior.recipe}-{prior.seed}"
     if config.pretrain.source.name == "shards":
         generate(config.generate, config.cameras, seed=prior.seed, executor=SerialExecutor(), out=shards)
@@ -86,6 +100,11 @@ def make_prior(prior: Prior) -> None:
         out=prior_folder(prior.out, prior.recipe, prior.seed),
         executor=SerialExecutor(),
     )
+
+
+def probe_prior(prior: Prior) -> dict[str, Any]:
+    """Measure a prior without fine-tuning, once."""
+    return probe_on_arms(prior_folder(prior.out, prior.recipe, prior.seed), config_of_prior(prior))
 
 
 def config_of(trial: Trial) -> RunConfig:
@@ -207,6 +226,9 @@ def main() -> None:
         wanted = [Prior(recipe, seed, options.out) for seed in options.seeds for recipe in options.recipes]
         for _ in executor.run(make_prior, wanted):
             pass
+    if "probes" in options.parts:
+        for _ in executor.run(probe_prior, finished_priors(options.out, options.recipes, options.seeds)):
+            pass
     trials = [Trial(task, seed, options.out) for seed in options.seeds for task in options.tasks]
     for trial in trials:
         if "trainings" in options.parts:
@@ -216,12 +238,40 @@ def main() -> None:
     tell(options.out, options.tasks, options.seeds, options.json)
 
 
+def finished_priors(out: Path, recipes: Sequence[str], seeds: Sequence[int]) -> list[Prior]:
+    """Those whose training has come to its end."""
+    priors = [Prior(recipe, seed, out) for recipe in recipes for seed in seeds]
+    return [prior for prior in priors if is_finished(prior)]
+
+
+def is_finished(prior: Prior) -> bool:
+    """Whether the last checkpoint that the config wants is there."""
+    folder, config = prior_folder(prior.out, prior.recipe, prior.seed), config_of_prior(prior)
+    return checkpoint_path(folder, config.pretrain.epochs).exists()
+
+
+def sight_of(name: str, found: dict[str, Any]) -> Iterator[Metric]:
+    """A prior's cheap measures; those of the recipe `sighted` have goals."""
+    for metric in probes_of(name, found):
+        goal = GOALS_OF_SIGHT.get(metric.metric.partition(": ")[2])
+        if goal is None or not name.startswith("sighted"):
+            yield metric
+        else:
+            yield goal(metric.metric, metric.value, metric.unit)
+
+
 def tell(out: Path, tasks: Sequence[str], seeds: Sequence[int], json: Path | None) -> None:
     """Print what the rollouts say, and write the JSON."""
+    probed = {
+        f"{prior.recipe}, seed {prior.seed}": probe_prior(prior)
+        for prior in finished_priors(out, RECIPES, seeds)
+    }
     found = {task: together(out, task, seeds) for task in tasks}
-    metrics = [metric for task, results in found.items() for metric in metrics_of(task, results.groups[0])]
+    metrics = [metric for name, measured in probed.items() for metric in sight_of(name, measured)]
+    metrics += [metric for task, results in found.items() for metric in metrics_of(task, results.groups[0])]
     content = report("prior", "python -m benchmarks prior --out runs/prior", metrics)
     content["root_seeds"] = list(seeds)
+    content["measures"] = probed
     content["outcome"] = {task: results.model_dump(mode="json") for task, results in found.items()}
     print("\n".join(as_lines(content)))
     if json:

@@ -104,10 +104,6 @@ class Factor:
 
 def measure(factor: Factor) -> dict[str, Any]:
     """Train the prior and measure it, or what is missing of that."""
-    done = factor.folder / "measures.json"
-    if done.exists():
-        found: dict[str, Any] = json.loads(done.read_text())
-        return found
     config = factor.config
     pretrain(
         config.pretrain,
@@ -119,8 +115,22 @@ def measure(factor: Factor) -> dict[str, Any]:
         out=factor.folder,
         executor=SerialExecutor(),
     )
-    checkpoint = list_checkpoints(factor.folder)[-1].path
-    found = {}
+    return probe_on_arms(factor.folder, config)
+
+
+def probe_on_arms(folder: Path, config: RunConfig) -> dict[str, Any]:
+    """Measure the last checkpoint of a prior, once: on fresh episodes, and its aim on every arm and task.
+
+    Args:
+        folder: Of its checkpoints; what is found is kept there.
+        config: What it was trained as.
+    """
+    done = folder / "measures.json"
+    if done.exists():
+        known: dict[str, Any] = json.loads(done.read_text())
+        return known
+    checkpoint = list_checkpoints(folder)[-1].path
+    found: dict[str, Any] = {}
     for task, robot in PLACES.items():
         wanted = Wanted(
             episodes=EPISODES if not found else 2,
