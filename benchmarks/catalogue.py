@@ -41,6 +41,10 @@ BENCHMARKS = {
         "benchmarks.training",
     ),
     "infer": Benchmark("how long ACT thinks, alone and for 16 environments", "benchmarks.inference"),
+    "gpu": Benchmark(
+        "a GPU's numbers beside the CPU's, its speed and memory, and going on after a kill (minutes)",
+        "benchmarks.gpu",
+    ),
     "demos": Benchmark(
         "20 demonstrations of each of the paper's arms and tasks (minutes)", "benchmarks.demos"
     ),
