@@ -130,9 +130,7 @@ def _losses(source: ShardSource, size: Size, device: str) -> list[float]:
     with arithmetic(training.machine), _without_noise():
         optimizer = make_optimizer(training.config, training.policy, training.machine)
         batches = [training.batches.batch(step) for step in range(STEPS)]
-        return [
-            take_step(training, optimizer, step, {0: batch})["l1"] for step, batch in enumerate(batches)
-        ]
+        return [take_step(training, optimizer, step, {0: batch})["l1"] for step, batch in enumerate(batches)]
 
 
 @contextmanager

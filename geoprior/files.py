@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import stat
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from math import isfinite
@@ -19,11 +20,13 @@ def atomic_path(path: Path) -> Iterator[Path]:
     """Give a temporary path to write to; on success it takes the place of ``path``.
 
     Raises:
-        DataError: The folder cannot be written; the message names it.
+        DataError: The folder cannot be written, or ``path`` is a device, a pipe or a link, which a new file
+            would replace. The message names it.
     """
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+        _refuse_special(path)
         yield temporary
         with temporary.open("rb") as file:
             os.fsync(file.fileno())
@@ -36,6 +39,29 @@ def atomic_path(path: Path) -> Iterator[Path]:
     finally:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
+
+
+def _refuse_special(path: Path) -> None:
+    with suppress(FileNotFoundError):
+        mode = path.lstat().st_mode
+        if stat.S_ISLNK(mode):
+            remedy = "remove the link, or name the file that it points to"
+            raise DataError(f"{path}: a link to {path.readlink()}, which is not replaced", remedy)
+        if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
+            raise DataError(f"{path}: a device or a pipe, which is not replaced by a file", "name a file")
+
+
+def links_of(root: Path, path: Path) -> Iterator[Path]:
+    """Links on the way from a folder to a path below it, and below that path.
+
+    Args:
+        root: The folder; whether it is a link itself does not matter.
+        path: Below it, whether it is there or not.
+    """
+    ways = [path, *path.parents]
+    yield from (way for way in reversed(ways[: ways.index(root)]) if way.is_symlink())
+    for folder, folders, files in os.walk(path):
+        yield from (found for name in (*folders, *files) if (found := Path(folder, name)).is_symlink())
 
 
 def is_temporary(path: Path) -> bool:
@@ -70,7 +96,7 @@ def read_json(path: Path) -> Any:
         return json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse)
     except FileNotFoundError as error:
         raise DataError(f"{path}: no such file") from error
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise DataError(
             f"{path}: not readable as JSON ({error})", "delete the file and run the same command again"
         ) from error

@@ -18,7 +18,7 @@ from geoprior.config import RunConfig, plugins_named
 from geoprior.errors import DataError
 from geoprior.files import is_temporary, sha256_file, sha256_json, write_json
 from geoprior.hooks.manager import Plugins
-from geoprior.run_folder import RUN_FILE, Record, RunFolder, clear, drop, sweep
+from geoprior.run_folder import RUN_FILE, Record, RunFolder, clear, drop, refuse_links, sweep
 from geoprior.stages import STAGES, Stage, Workplace
 
 
@@ -79,19 +79,20 @@ def is_follower() -> bool:
 def _run_stage(folder: RunFolder, stage: Stage, plugins: Plugins, say: Callable[[str], None]) -> None:
     begun = _begun_record(folder, stage, plugins)
     old = folder.record(stage.name)
+    known = old if old is not None and old.fingerprint == begun.fingerprint else None
+    lost = folder.lost(known, stage) if known else []
+    if known and known.status == "done" and not lost:
+        say(f"{stage.name}: done before, skipped")
+        if stage.together:
+            _all_run(run=False)
+        return
+    refuse_links(folder, stage)
     sweep(folder, stage)
-    if old is not None and old.fingerprint == begun.fingerprint:
-        lost = folder.lost(old, stage)
-        if old.status == "done" and not lost:
-            say(f"{stage.name}: done before, skipped")
-            if stage.together:
-                _all_run(run=False)
-            return
-        if lost:
-            say(f"{stage.name}: {_some(lost)} missing or cut off, made again")
-            drop(folder, stage, lost)
-        else:
-            say(f"{stage.name}: goes on")
+    if lost:
+        say(f"{stage.name}: {_some(lost)} missing or cut off, made again")
+        drop(folder, stage, lost)
+    elif known:
+        say(f"{stage.name}: goes on")
     elif old is not None:
         say(f"{stage.name}: its inputs have changed, runs again")
         clear(folder, stage)

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import fcntl
+import json
 import os
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from fnmatch import fnmatch
-from pathlib import Path
-from typing import Any
+from pathlib import Path, PurePosixPath
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+from typing_extensions import TypedDict
 
 from geoprior.config import RunConfig, to_yaml
 from geoprior.config_tree import differences
 from geoprior.errors import ConfigError, DataError
-from geoprior.files import is_temporary, read_json, sha256_json, write_bytes, write_json
+from geoprior.files import is_temporary, links_of, read_json, sha256_json, write_bytes, write_json
 from geoprior.stages import Stage
 
 CONFIG_FILE = "config.yaml"
@@ -24,9 +28,16 @@ LOCK_FILE = ".lock"
 RECORDS = "stages"
 
 
+class Output(TypedDict):
+    """A file that a stage wrote."""
+
+    bytes: Annotated[int, Field(ge=0)]
+    sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+
+
 @dataclass(frozen=True)
 class Record:
-    """What ``stages/NAME.json`` says.
+    """What ``stages/NAME.json`` says. Anybody may have written it.
 
     Attributes:
         stage: Name.
@@ -40,17 +51,19 @@ class Record:
         made_by: Versions, plug-ins and machine of that attempt.
     """
 
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True)
+
     stage: str
-    status: str
+    status: Literal["begun", "done"]
     fingerprint: str
     config: Mapping[str, Any]
     inputs: Mapping[str, str]
-    outputs: Mapping[str, Mapping[str, Any]]
+    outputs: Mapping[str, Output]
     result: Mapping[str, Any]
     seconds: float
     made_by: Mapping[str, Any] = field(default_factory=dict)
 
-    def passed_on(self, stage: Stage) -> dict[str, Mapping[str, Any]]:
+    def passed_on(self, stage: Stage) -> dict[str, Output]:
         """Those outputs that later stages read."""
         return {
             name: output
@@ -61,6 +74,27 @@ class Record:
     def digest(self, stage: Stage) -> str:
         """One hash of what the stage passes on: the input of the stages after it."""
         return sha256_json({name: output["sha256"] for name, output in self.passed_on(stage).items()})
+
+
+_RECORD = TypeAdapter(Record)
+
+
+def _where(error: ValidationError | DataError) -> str:
+    if isinstance(error, DataError):
+        return f" ({error.message})"
+    first = error.errors(include_url=False)[0]
+    return f": key {'.'.join(map(str, first['loc'])) or '(all of it)'}: {first['msg'].lower()}"
+
+
+def _require_names_below(path: Path, record: Record) -> None:
+    """A record that comes from elsewhere must not lead out of its folder, to be read or to be removed."""
+    for name in record.outputs:
+        parts = PurePosixPath(name).parts
+        if not parts or parts[0] == "/" or ".." in parts or "\0" in name:
+            raise DataError(
+                f"{path}: key outputs: names {name!r}, which does not lie in the run folder",
+                "geoprior writes no such record: do not trust this folder",
+            )
 
 
 class RunFolder:
@@ -74,18 +108,20 @@ class RunFolder:
         """The stage's record, or None when it has never begun here.
 
         Raises:
-            DataError: The record is damaged.
+            DataError: The record is damaged, or it names a file that does not lie in a run folder.
         """
         path = self.path / RECORDS / f"{stage}.json"
         if not path.is_file():
             return None
         try:
-            return Record(**read_json(path))
-        except (TypeError, DataError) as error:
+            record = _RECORD.validate_json(json.dumps(read_json(path)))
+        except (ValidationError, DataError) as error:
             raise DataError(
-                f"{path}: not a stage record",
+                f"{path}: not a stage record{_where(error)}",
                 f"what lies there may be of another config: delete it and what {stage} wrote, run it again",
             ) from error
+        _require_names_below(path, record)
+        return record
 
     def write_record(self, record: Record) -> None:
         """Write the stage's record."""
@@ -135,6 +171,20 @@ def saved_config(path: Path) -> Path | None:
     return file if file.is_file() else None
 
 
+def refuse_links(folder: RunFolder, stage: Stage) -> None:
+    """Refuse to write and to remove where a link would lead out of the run folder.
+
+    Raises:
+        DataError: One of the stage's outputs is a link, lies behind one, or holds one.
+    """
+    for output in stage.outputs:
+        for link in links_of(folder.path, folder.path / output):
+            raise DataError(
+                f"{link}: a link to {link.readlink()}; a stage writes and removes in its run folder alone",
+                "remove the link, or give as --out a folder on that disk",
+            )
+
+
 def clear(folder: RunFolder, stage: Stage) -> None:
     """Remove a stage's outputs and its record.
 
@@ -142,15 +192,10 @@ def clear(folder: RunFolder, stage: Stage) -> None:
     place: whoever is killed meanwhile leaves no old file among new ones, and none that counts as new.
 
     Raises:
-        ConfigError: An output is a link to a folder elsewhere; nothing is removed then.
+        DataError: See `refuse_links`; nothing is removed then.
     """
+    refuse_links(folder, stage)
     outputs = [folder.path / output for output in stage.outputs]
-    for path in outputs:
-        if path.is_symlink() and path.is_dir():
-            raise ConfigError(
-                f"{path}: a link to {path.resolve()}, whose content is of another config",
-                "remove the link, or what it points to, and give the command again",
-            )
     sweep(folder, stage)
     for path in outputs:
         if path.is_dir():
@@ -174,10 +219,11 @@ def sweep(folder: RunFolder, stage: Stage) -> None:
 def drop(folder: RunFolder, stage: Stage, lost: Sequence[str]) -> None:
     """Remove damaged files, so that the stage makes them again.
 
-    A file that is an output by itself stays: its stage goes on with the lines that are whole.
+    A file that is an output by itself stays: its stage goes on with the lines that are whole. Only what lies
+    in the stage's own outputs is removed.
     """
     for name in lost:
-        if name not in stage.outputs:
+        if any(PurePosixPath(name).is_relative_to(output) and name != output for output in stage.outputs):
             (folder.path / name).unlink(missing_ok=True)
 
 
@@ -204,6 +250,8 @@ def _changes(folder: RunFolder, changed: Sequence[Stage]) -> str:
 def _refuse_foreign(path: Path) -> None:
     if path.exists() and not path.is_dir():
         raise DataError(f"{path}: is a file, not a folder", "choose another --out")
+    if (path / RECORDS).is_symlink():
+        raise DataError(f"{path / RECORDS}: a link; records lie in the run folder", "remove the link")
     ours = (path / CONFIG_FILE).is_file() or (path / LOCK_FILE).is_file()
     if path.is_dir() and any(path.iterdir()) and not ours:
         raise DataError(f"{path}: is not empty and not a run folder of geoprior", "choose another --out")
@@ -213,7 +261,7 @@ def _refuse_foreign(path: Path) -> None:
 def _locked(path: Path) -> Iterator[None]:
     try:
         path.mkdir(parents=True, exist_ok=True)
-        descriptor = os.open(path / LOCK_FILE, os.O_RDWR | os.O_CREAT, 0o644)
+        descriptor = os.open(path / LOCK_FILE, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o644)
     except OSError as error:
         raise DataError(
             f"{path}: cannot be written ({error.strerror})", "choose another --out or mend its permissions"

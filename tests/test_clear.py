@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from geoprior.config import load_config
-from geoprior.errors import ConfigError
+from geoprior.errors import DataError
 from geoprior.hooks.manager import plugins
 from geoprior.run_folder import RunFolder, clear, sweep
 from geoprior.stages import Stage
@@ -84,7 +84,7 @@ def test_a_link_to_a_folder_elsewhere_is_refused_and_nothing_is_lost(run, tmp_pa
     (elsewhere / "epoch-000006").write_text("old")
     shutil.rmtree(run.path / "checkpoints/train")
     (run.path / "checkpoints/train").symlink_to(elsewhere)
-    with pytest.raises(ConfigError, match="checkpoints/train: a link to"):
+    with pytest.raises(DataError, match="checkpoints/train: a link to"):
         clear(run, STAGE)
     assert (elsewhere / "epoch-000006").exists()
     assert (run.path / "stages/train.json").exists()

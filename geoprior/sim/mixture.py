@@ -16,6 +16,7 @@ from geoprior.sim.config import DemosConfig
 from geoprior.sim.demos import ATTEMPTS, REVISION, collect
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
     from geoprior.geometry.camera import CamerasConfig
@@ -46,7 +47,7 @@ def collect_mixture(
     """
     recipe = sha256_json([REVISION, config.model_dump(mode="json"), cameras.model_dump(mode="json"), seed])
     if (out / MANIFEST).exists() or (out / MIXTURE).exists():
-        attempts = _attempts(recipe, out)
+        attempts = _attempts(recipe, [task.name for task in config.tasks], out)
         if _is_whole(out):
             shutil.rmtree(out / PARTS, ignore_errors=True)
             return read_manifest(out)
@@ -91,11 +92,12 @@ def _finish(recipe: str, parts: dict[str, Manifest], out: Path) -> Manifest:
     return manifest
 
 
-def _attempts(recipe: str, out: Path) -> dict[str, Any]:
+def _attempts(recipe: str, tasks: Sequence[str], out: Path) -> dict[str, Any]:
+    """Of each task. Their names become folders, so that only those of the config are taken."""
     tree = read_json(out / MIXTURE) if (out / MIXTURE).exists() else None
-    if not isinstance(tree, dict) or tree.get("recipe") != recipe:
+    attempts = tree.get("attempts") if isinstance(tree, dict) and tree.get("recipe") == recipe else None
+    if not isinstance(attempts, dict) or sorted(attempts) != sorted(tasks):
         raise DataError(f"{out}: holds other data than is wanted", f"delete {out}, or choose another folder")
-    attempts: dict[str, Any] = tree["attempts"]
     return attempts
 
 
