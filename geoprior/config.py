@@ -10,7 +10,6 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Self, get_args
 
-import yaml
 from pydantic import BaseModel, Field, ValidationError, model_validator
 
 from geoprior.config_tree import apply_override, find_config, read_tree, suggest
@@ -22,6 +21,7 @@ from geoprior.options import Choice, Options
 from geoprior.sim.config import DemosConfig, EvaluateConfig, SameEnvironmentConfig
 from geoprior.synthesis.config import GenerateConfig
 from geoprior.training.config import FinetuneConfig, PretrainConfig
+from geoprior.yaml_text import to_text
 
 QUICKSTART = "quickstart"
 KINDS = {
@@ -201,7 +201,7 @@ def plugins_named(tree: Mapping[str, Any], plugins: Plugins) -> dict[str, str]:
 
 def to_yaml(config: BaseModel) -> str:
     """The config as YAML that `load_config` reads back to the same config."""
-    return yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False, width=100)
+    return to_text(config.model_dump(mode="json"))
 
 
 def _named(tree: Mapping[str, Any]) -> Iterator[tuple[str, str, dict[str, Any]]]:

@@ -11,6 +11,7 @@ from typing import Any
 import yaml
 
 from geoprior.errors import ConfigError
+from geoprior.yaml_text import parse_yaml
 
 
 def find_config(source: str | Path) -> Path:
@@ -89,7 +90,7 @@ def apply_override(tree: Mapping[str, Any], override: str, open_keys: Collection
     if not separator or not key:
         raise ConfigError(f"--set {override}: expected KEY=VALUE", "for example --set generate.episodes=50")
     try:
-        value = yaml.safe_load(text)
+        value = parse_yaml(text)
     except yaml.YAMLError as error:
         raise ConfigError(f"--set {override}: the value is not YAML ({_problem(error)})") from error
     *parents, last = key.split(".")
@@ -143,26 +144,9 @@ def _replaced(node: Any, keys: Sequence[str], value: Any, override: str) -> Any:
     raise ConfigError(f"--set {override}: there are no keys under a plain value", f"leave out {key!r}")
 
 
-class _StrictLoader(yaml.SafeLoader):
-    """A safe loader that refuses a key written twice instead of keeping the last."""
-
-
-def _strict_mapping(loader: _StrictLoader, node: yaml.MappingNode) -> dict[Any, Any]:
-    seen: list[Any] = []
-    for key_node, _ in node.value:
-        key = loader.construct_object(key_node, deep=True)
-        if key in seen:
-            raise yaml.MarkedYAMLError(problem=f"key {key!r} twice", problem_mark=key_node.start_mark)
-        seen.append(key)
-    return loader.construct_mapping(node, deep=True)
-
-
-_StrictLoader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _strict_mapping)
-
-
 def _read_yaml(path: Path) -> dict[str, Any]:
     try:
-        tree = yaml.load(path.read_text(encoding="utf-8"), Loader=_StrictLoader)  # noqa: S506 - safe loader
+        tree = parse_yaml(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror})") from error
     except UnicodeDecodeError as error:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from functools import lru_cache
+from typing import Any, ClassVar, get_args
 
 from pydantic import (
     BaseModel,
@@ -12,6 +13,8 @@ from pydantic import (
     GetJsonSchemaHandler,
     SerializationInfo,
     SerializerFunctionWrapHandler,
+    ValidationInfo,
+    field_validator,
     model_serializer,
     model_validator,
 )
@@ -34,6 +37,15 @@ class Options(BaseModel):
     """Names of the fields that came after data had been made without them. At its default such a field does
     not enter a recipe, so that what was made before keeps its fingerprint."""
 
+    @field_validator("*", mode="before")
+    @classmethod
+    def _refuse_truth_as_number(cls, value: object, info: ValidationInfo) -> object:
+        """``trials: true`` is no trial, though Python counts it as one."""
+        parts = value if isinstance(value, (list, tuple)) else (value,)
+        if any(isinstance(part, bool) for part in parts) and not _takes_truth(cls, str(info.field_name)):
+            raise ValueError("true and false are neither numbers nor text")
+        return value
+
     @model_serializer(mode="wrap")
     def _drop_later_defaults(
         self, dump: SerializerFunctionWrapHandler, info: SerializationInfo
@@ -47,6 +59,18 @@ class Options(BaseModel):
             if getattr(self, name) == type(self).model_fields[name].get_default(call_default_factory=True)
         }
         return {name: value for name, value in tree.items() if name not in at_default}
+
+
+@lru_cache(maxsize=4096)
+def _takes_truth(model: type[BaseModel], name: str) -> bool:
+    """Whether a field may be true or false, by itself or as one of several types."""
+    return _names_bool(model.model_fields[name].annotation)
+
+
+def _names_bool(annotation: object) -> bool:
+    if annotation in (bool, Any, object):
+        return True
+    return any(_names_bool(part) for part in get_args(annotation))
 
 
 def recipe_tree(options: BaseModel, exclude: frozenset[str] = frozenset()) -> dict[str, Any]:
