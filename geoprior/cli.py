@@ -157,7 +157,7 @@ def _ensure_fit(out: Path, *, rendering: bool) -> None:
     checks.require_fit(findings)
     if not rendering:
         return
-    os.environ.setdefault(checks.GL_VARIABLE, checks.usable_backend(findings))
+    os.environ[checks.GL_VARIABLE] = checks.usable_backend(findings)
 
 
 @cli.command()

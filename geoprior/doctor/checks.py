@@ -91,7 +91,7 @@ def usable_backend(findings: Sequence[Finding]) -> str:
         MachineError: None rendered, or not the named one.
     """
     good = [finding.name.removeprefix("GL ") for finding in findings if _is_gl(finding) and finding.good]
-    named = os.environ.get(GL_VARIABLE)
+    named = os.environ.get(GL_VARIABLE, "").strip().lower()  # MuJoCo reads it so, too
     if named:
         if named in good:
             return named

@@ -114,3 +114,10 @@ def test_cv2_that_does_not_import_comes_with_the_pip_line(monkeypatch):
     assert not found.good
     assert "libGL.so.1" in found.text
     assert "opencv-python-headless" in found.mend
+
+
+@pytest.mark.parametrize("written", ["osmesa", "OSMESA", " osmesa "])
+def test_the_named_backend_is_taken_as_mujoco_would_read_it(monkeypatch, written):
+    monkeypatch.setenv(checks.GL_VARIABLE, written)
+    both = [finding("GL egl", good=True), finding("GL osmesa", good=True)]
+    assert checks.usable_backend(both) == "osmesa"
