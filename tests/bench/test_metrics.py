@@ -71,7 +71,7 @@ def test_every_study_reads_the_command_line():
         assert callable(importlib.import_module(f"benchmarks.{name}").main)
 
 
-@pytest.mark.parametrize("name", ["generate", "prior", "prior_factors"])
+@pytest.mark.parametrize("name", ["generate", "prior"])
 def test_the_command_says_how_each_is_used(name):
     command = [sys.executable, "-m", "benchmarks", name, "--help"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)

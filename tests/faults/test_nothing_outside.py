@@ -176,7 +176,7 @@ values = st.recursive(
     value=values,
     missing=st.booleans(),
 )
-@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_a_record_of_any_content_is_taken_or_refused_in_words(sandbox, key, value, missing):
     sandbox.go(replace=True)
     path = sandbox.run / "stages" / "first.json"
