@@ -13,7 +13,7 @@ root seeds. Time is not measured, so other work does no harm.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -260,6 +260,18 @@ def sight_of(name: str, found: dict[str, Any]) -> Iterator[Metric]:
             yield goal(metric.metric, metric.value, metric.unit)
 
 
+def what_is_left(found: Mapping[str, Results], seeds: Sequence[int]) -> str:
+    """What of the study these results do not have, for whoever reads them; empty where it is whole."""
+    have = {each.name for results in found.values() for each in results.groups[0].conditions}
+    left = [
+        ("root seeds", [str(seed) for seed in SEEDS if seed not in seeds]),
+        ("tasks", [task for task in TASKS if task not in found]),
+        ("recipes", [recipe for recipe in RECIPES if recipe not in have]),
+    ]
+    told = [f"{what} {', '.join(names)}" for what, names in left if names]
+    return f"Not run: {'; '.join(told)}." if told else ""
+
+
 def tell(out: Path, tasks: Sequence[str], seeds: Sequence[int], json: Path | None) -> None:
     """Print what the rollouts say, and write the JSON."""
     probed = {
@@ -270,6 +282,8 @@ def tell(out: Path, tasks: Sequence[str], seeds: Sequence[int], json: Path | Non
     metrics = [metric for name, measured in probed.items() for metric in sight_of(name, measured)]
     metrics += [metric for task, results in found.items() for metric in metrics_of(task, results.groups[0])]
     content = report("prior", "python -m benchmarks prior --out runs/prior", metrics)
+    if left := what_is_left(found, seeds):
+        content["note"] = left
     content["root_seeds"] = list(seeds)
     content["measures"] = probed
     content["outcome"] = {task: results.model_dump(mode="json") for task, results in found.items()}
