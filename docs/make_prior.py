@@ -89,6 +89,7 @@ TABLES: dict[str, tuple[str, Callable[[Content], Iterator[str]]]] = {
     "factors": ("prior_factors", factors),
     "quickstart": ("prior_over_seeds", quickstart),
     "arms": ("prior", arms),
+    "priors": ("prior", factors),
     "measures": ("prior_measures", measures),
 }
 """Of the page: the file of results, and what is written of it."""
