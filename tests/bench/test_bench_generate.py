@@ -32,7 +32,7 @@ def test_the_floor_draws_and_encodes_the_very_frames_of_the_data_set(monkeypatch
     assert floor_of_shard(task) > 0.0
     studio = Studio(config, cameras, 3)
     wanted = [
-        np.concatenate(list(blocks()))
+        np.concatenate(list(blocks))
         for motion, index in task.episodes
         for blocks in studio.sample(motion, index).frames.values()
     ]
